@@ -1,0 +1,1 @@
+"""Sokoban as pure functions: rules, levels, dense state tables, exact solver and episode rules."""
