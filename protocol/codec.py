@@ -1,0 +1,88 @@
+"""Bytes to messages and back: bounded, typed, one error class. The only file that imports msgpack."""
+
+from enum import Enum
+from typing import Any, TypeVar
+
+import msgpack
+import msgspec
+
+from protocol.messages import Wire
+
+PAYLOAD_MAX = 65_536
+"""64 KiB. The largest honest message (a level of 16 KiB with its view) is a third of it; a lying length costs no memory."""
+
+M = TypeVar("M", bound=Wire)
+
+
+class DecodeFault(Enum):
+    """Why a payload is not a message: a closed list, for counters."""
+
+    TOO_LONG = "too-long"
+    NOT_MSGPACK = "not-msgpack"
+    NOT_THE_SCHEMA = "not-the-schema"
+
+
+class DecodeError(ValueError):
+    """A payload is not the message that was expected; nothing else escapes `decode`."""
+
+    def __init__(self, fault: DecodeFault, detail: str) -> None:
+        super().__init__(f"{fault.value}: {detail}")
+        self.fault = fault
+
+
+def encode(message: Wire) -> bytes:
+    """Return the message as a msgpack map with its `type` and `schema`."""
+    return msgpack.packb(msgspec.to_builtins(message, builtin_types=(bytes,)))  # type: ignore[no-any-return]
+
+
+def decode(payload: bytes, expected: type[M]) -> M:
+    """Return the message of the expected type (or union of types) that the payload holds.
+
+    Args: payload: at most 64 KiB. Raises: DecodeError, and nothing else, whatever the bytes.
+    """
+    if len(payload) > PAYLOAD_MAX:
+        raise DecodeError(DecodeFault.TOO_LONG, f"{len(payload)} bytes, the limit is {PAYLOAD_MAX}")
+    try:
+        return msgspec.convert(unpack(payload), expected)
+    except msgspec.ValidationError as error:
+        raise DecodeError(DecodeFault.NOT_THE_SCHEMA, printable(str(error))) from None
+
+
+def unpack(payload: bytes) -> Any:  # noqa: ANN401 - any msgpack value, checked by the caller's schema
+    """Return the plain value that the payload holds: no extension types, no duplicate keys, no NaN.
+
+    Raises: DecodeError.
+    """
+    try:
+        return msgpack.unpackb(
+            payload, raw=False, strict_map_key=True, object_pairs_hook=_once, ext_hook=_no_extension, timestamp=0
+        )
+    except DecodeError:
+        raise
+    except (ValueError, TypeError, RecursionError, OverflowError, msgpack.UnpackException) as error:
+        raise DecodeError(DecodeFault.NOT_MSGPACK, printable(str(error) or type(error).__name__)) from None
+
+
+def _once(pairs: list[tuple[Any, Any]]) -> dict[Any, Any]:
+    """Build a map in which each key stands once and no number is NaN or infinite."""
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        raise DecodeError(DecodeFault.NOT_MSGPACK, "a key stands twice")
+    for value in found.values():
+        if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):  # noqa: PLR0124
+            raise DecodeError(DecodeFault.NOT_MSGPACK, "a number is not finite")
+    return found
+
+
+def _no_extension(code: int, _data: bytes) -> Any:  # noqa: ANN401 - it never returns
+    raise DecodeError(DecodeFault.NOT_MSGPACK, f"extension type {code}")
+
+
+def pack(value: Any) -> bytes:  # noqa: ANN401 - any plain value
+    """Return a plain value (maps, lists, numbers, text, bytes, None) as msgpack."""
+    return msgpack.packb(value)  # type: ignore[no-any-return]
+
+
+def printable(text: str, length_max: int = 200) -> str:
+    """Return the text safe for a log line: one line, no control characters, at most `length_max` characters."""
+    return "".join(char if char.isprintable() else "?" for char in text[:length_max])

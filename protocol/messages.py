@@ -1,0 +1,333 @@
+"""Every message on the wire, as frozen types with their limits.
+
+Field names, units and the order of events are explained in README.md of this folder, for clients in any language.
+Unknown fields are refused, so a typing error never passes as silence; a new field means a new schema number.
+"""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+SCHEMA = 1
+Schema = Literal[1]
+Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,47}$")]
+ActionName = Annotated[str, Meta(pattern=r"^[A-Z][A-Z0-9_]{0,31}$")]
+Id = Annotated[bytes, Meta(min_length=16, max_length=16)]
+StateKey = Annotated[bytes, Meta(max_length=32)]
+Count = Annotated[int, Meta(ge=0, le=2**53 - 1)]
+Milliseconds = Annotated[int, Meta(ge=0, le=2**40)]
+Reward = Annotated[float, Meta(ge=-1.0, le=1.0)]
+Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
+Text = Annotated[str, Meta(max_length=512)]
+View = Annotated[str, Meta(max_length=32_768)]
+Token = Annotated[str, Meta(max_length=1024)]
+ActionNames = Annotated[tuple[ActionName, ...], Meta(min_length=1, max_length=64)]
+Asked = Literal["label", "reward", "guidance", "undo", "mistake", "nothing"]
+OutcomeName = Literal["running", "solved", "deadlock", "cap"]
+
+
+class Wire(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, gc=False):
+    """What all messages share."""
+
+    schema: Schema = SCHEMA
+
+
+class WindowSpec(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The window for answers."""
+
+    mode: Literal["early", "full", "until-answered"]
+    span_ms: Annotated[int, Meta(ge=1, le=3_600_000)]
+    quorum: Annotated[int, Meta(ge=0, le=1_000_000)] = 0
+
+
+class MistakeMark(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A stretch of steps of the episode that went wrong, first to last."""
+
+    first_step: Count
+    last_step: Count
+
+
+# ---------------------------------------------------------------- learner -> teachers
+
+
+class Decision(Wire, frozen=True, kw_only=True, tag="decision"):
+    """A decision as it stands; the last one by `sequence` is the truth."""
+
+    session: Name
+    epoch: Count
+    sequence: Count
+    decision: Count
+    episode: Count
+    step: Count
+    phase: Literal["gathering", "beginning", "ready", "asking", "executing", "finished"]
+    paused: bool
+    asked: Asked
+    state: StateKey
+    view: View
+    actions: ActionNames
+    action: ActionName | None = None
+    remaining_ms: Milliseconds | None = None
+    window: WindowSpec
+    teachers: Annotated[tuple[Name, ...], Meta(max_length=64)] = ()
+    teachers_present: Count = 0
+    method: Name
+    episodes: Count
+    optimal_steps: Count | None = None
+
+
+class SaidBy(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One teacher's answer inside a learnt step."""
+
+    teacher: Name
+    kind: Asked | Literal["abstain"]
+    action: ActionName | None = None
+    reward: Reward | None = None
+
+
+class Step(Wire, frozen=True, kw_only=True, tag="step"):
+    """A learnt step: what was seen, said, done and learnt."""
+
+    session: Name
+    epoch: Count
+    decision: Count
+    episode: Count
+    step: Count
+    at_ns: Count
+    state: StateKey
+    view: View
+    action: ActionName
+    said: Annotated[tuple[SaidBy, ...], Meta(max_length=256)] = ()
+    label: ActionName | None = None
+    h: float
+    reward: float
+    td_error: float
+    td_error_shaped: float
+    outcome: OutcomeName
+    next_view: View
+    values: Annotated[tuple[float, ...], Meta(max_length=64)]
+
+
+class Episode(Wire, frozen=True, kw_only=True, tag="episode"):
+    """A finished episode on the four measures."""
+
+    session: Name
+    epoch: Count
+    decision: Count
+    at_ns: Count
+    episode: Count
+    steps: Count
+    optimal_steps: Count | None = None
+    abs_td_error: float
+    abs_td_error_shaped: float
+    discounted_return: float
+    discounted_env_return: float
+    inputs: Count
+    agreements: Count
+    outcome: OutcomeName
+
+
+# ---------------------------------------------------------------- teachers -> learner, and its replies
+
+
+class Join(Wire, frozen=True, kw_only=True, tag="join"):
+    """A teacher asks to take part."""
+
+    session: Name
+    teacher: Name
+    client: Text = ""
+    token: Token | None = None
+
+
+class Welcome(Wire, frozen=True, kw_only=True, tag="welcome"):
+    """The teacher takes part: what they may do, and where the session stands."""
+
+    session: Name
+    epoch: Count
+    rights: Annotated[tuple[Literal["answer", "window", "pause", "stop"], ...], Meta(max_length=8)]
+    decision: Decision
+    episodes: tuple[Episode, ...] = ()
+
+
+class Answer(Wire, frozen=True, kw_only=True, tag="answer"):
+    """A teacher's answer to one decision; the id is made and stored by the teacher before it is sent."""
+
+    answer_id: Id
+    session: Name
+    teacher: Name
+    epoch: Count
+    decision: Count
+    episode: Count
+    step: Count
+    state: StateKey
+    kind: Asked | Literal["abstain"]
+    action: ActionName | None = None
+    reward: Reward | None = None
+    guidance: Annotated[tuple[ActionName, ...], Meta(max_length=64)] = ()
+    mistake: MistakeMark | None = None
+    posterior: Annotated[dict[ActionName, Probability], Meta(max_length=64)] | None = None
+    response_ms: Milliseconds | None = None
+    token: Token | None = None
+
+
+class Acknowledgement(Wire, frozen=True, kw_only=True, tag="acknowledgement"):
+    """What became of an answer; sent only after the answer is durable."""
+
+    answer_id: Id
+    code: Literal["accepted", "superseded", "late", "rejected", "conflict"]
+    reason: Text = ""
+    check: Annotated[bytes, Meta(max_length=8)]
+    epoch: Count
+    journal_seq: Count
+
+
+class Control(Wire, frozen=True, kw_only=True, tag="control"):
+    """A teacher changes the window, pauses, resumes or stops the session."""
+
+    session: Name
+    teacher: Name
+    verb: Literal["window", "pause", "resume", "stop"]
+    window: WindowSpec | None = None
+    token: Token | None = None
+
+
+class Done(Wire, frozen=True, kw_only=True, tag="done"):
+    """The request was carried out (or, `ok` false, was not: the reason says why)."""
+
+    ok: bool
+    reason: Text = ""
+
+
+class Refusal(Wire, frozen=True, kw_only=True, tag="refusal"):
+    """An error reply: the request could not be read, is not allowed, or cannot be served now."""
+
+    code: Literal["malformed", "unknown-session", "denied", "busy", "not-durable", "conflict", "invalid"]
+    reason: Text
+
+
+# ---------------------------------------------------------------- sessions
+
+
+class World(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The world of a session, as the environment needs it."""
+
+    kind: Literal["sokoban"] = "sokoban"
+    level: Annotated[str, Meta(max_length=16_384)]
+    level_name: Text = "level"
+    starts: Annotated[str, Meta(pattern=r"^([1-9][0-9]{0,6}|all|within:[1-9][0-9]{0,6})$")] = "4"
+    goal_reward: float = 10.0
+    step_reward: float = 0.0
+    deadlock_reward: float = -10.0
+    steps_max: Annotated[int, Meta(ge=1, le=1_000_000)] = 200
+
+
+class CreateSession(Wire, frozen=True, kw_only=True, tag="create-session"):
+    """Create a session; the same name with the same content again is the same session."""
+
+    session: Name
+    world: World
+    method: Name = "sfid"
+    alpha: float = 0.1
+    gamma: float = 0.9
+    episodes: Annotated[int, Meta(ge=1, le=1_000_000)] = 30
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
+    window: WindowSpec
+    teachers_min: Annotated[int, Meta(ge=0, le=1000)] = 1
+
+
+class SessionQuery(Wire, frozen=True, kw_only=True, tag="session-query"):
+    """Ask about one session, or about all of them."""
+
+    session: Name | None = None
+
+
+class LabelTotals(Struct, frozen=True, kw_only=True):
+    """What became of a session's answers; submitted = applied + superseded + late + rejected + pending."""
+
+    submitted: Count
+    acknowledged: Count
+    applied: Count
+    superseded: Count
+    late: Count
+    rejected: Count
+    pending: Count
+
+
+class SessionSummary(Wire, frozen=True, kw_only=True, tag="session-summary"):
+    """One line about a session."""
+
+    session: Name
+    method: Name
+    level_name: Text
+    phase: Text
+    paused: bool
+    episode: Count
+    episodes: Count
+    decision: Count
+    teachers: Annotated[tuple[Name, ...], Meta(max_length=64)]
+
+
+class SessionList(Wire, frozen=True, kw_only=True, tag="session-list"):
+    """All sessions of a learner."""
+
+    sessions: tuple[SessionSummary, ...]
+
+
+class SessionReport(Wire, frozen=True, kw_only=True, tag="session-report"):
+    """A session with its measures."""
+
+    summary: SessionSummary
+    config: CreateSession
+    epoch: Count
+    labels: LabelTotals
+    teaching_ns: Count
+    q_sha256: Annotated[str, Meta(max_length=64)]
+    first_episode: Count = 0
+    episodes: tuple[Episode, ...]
+    """At most 100, from `first_episode` on."""
+
+
+# ---------------------------------------------------------------- learner -> environment, and its replies
+
+
+class Begin(Wire, frozen=True, kw_only=True, tag="begin"):
+    """Begin an episode; `actions` already taken are executed again (a restored environment)."""
+
+    session: Name
+    epoch: Count
+    episode: Count
+    seed: Count
+    world: World
+    actions: Annotated[tuple[ActionName, ...], Meta(max_length=1_000_000)] = ()
+
+
+class Begun(Wire, frozen=True, kw_only=True, tag="begun"):
+    """The environment stands where the learner asked it to."""
+
+    episode: Count
+    step: Count
+    state: StateKey
+    view: View
+    optimal_steps: Count | None = None
+    actions: ActionNames
+
+
+class ExecuteAction(Wire, frozen=True, kw_only=True, tag="execute"):
+    """Execute an action, exactly once by decision: a repeat is answered with the same result."""
+
+    session: Name
+    epoch: Count
+    decision: Count
+    episode: Count
+    step: Count
+    state: StateKey
+    action: ActionName
+
+
+class Executed(Wire, frozen=True, kw_only=True, tag="executed"):
+    """The action was executed."""
+
+    decision: Count
+    reward: float
+    outcome: OutcomeName
+    state: StateKey
+    view: View

@@ -1,0 +1,1 @@
+"""Learning methods: one file a method, one common interface (`method.Method`)."""

@@ -1,0 +1,1 @@
+"""The session machine: events in, state and effects out (`machine.advance`)."""

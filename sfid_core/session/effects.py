@@ -1,0 +1,79 @@
+"""Everything a session can ask its shell to do. Data, never callables."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+from sfid_core.session.measures import EpisodeMeasures, StepMeasures
+
+
+class AnswerCode(Enum):
+    """What became of an answer, as its teacher is told. All but REJECTED and CONFLICT mean that it is saved."""
+
+    ACCEPTED = "accepted"
+    """In time: it counts, unless the same teacher answers again before the window closes."""
+    SUPERSEDED = "superseded"
+    """After the close but before the deadline: kept, not applied."""
+    LATE = "late"
+    """After the deadline: kept, not applied."""
+    REJECTED = "rejected"
+    """Not an answer to what was asked; the reason says why."""
+    CONFLICT = "conflict"
+    """The same id came before with another content."""
+
+
+@dataclass(frozen=True, slots=True)
+class BeginEpisode:
+    """Ask the environment for the start of this episode."""
+
+    episode: int
+
+
+@dataclass(frozen=True, slots=True)
+class Execute:
+    """Ask the environment to execute the action of this decision, exactly once."""
+
+    decision: int
+    action: int
+
+
+@dataclass(frozen=True, slots=True)
+class Acknowledge:
+    """Tell the teacher what became of the answer, once it is durable."""
+
+    answer_id: bytes
+    code: AnswerCode
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Announce:
+    """Publish the decision as it stands: opened, closed, paused, or with other teachers."""
+
+
+@dataclass(frozen=True, slots=True)
+class StepDone:
+    """Publish the measures of a learnt step."""
+
+    measures: StepMeasures
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeDone:
+    """Publish the measures of a finished episode."""
+
+    measures: EpisodeMeasures
+
+
+@dataclass(frozen=True, slots=True)
+class SessionDone:
+    """The session has ended; note the digest of what was learnt."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ignored:
+    """The event was not legal here and changed nothing."""
+
+    reason: str
+
+
+Effect = BeginEpisode | Execute | Acknowledge | Announce | StepDone | EpisodeDone | SessionDone | Ignored

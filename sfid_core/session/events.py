@@ -1,0 +1,126 @@
+"""Everything that can happen to a session. Frozen, journaled before they take effect."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+from sfid_core.session.config import Window
+from sfid_core.teaching.answers import Answer
+
+
+class Outcome(Enum):
+    """How an episode stands after a step."""
+
+    RUNNING = "running"
+    SOLVED = "solved"
+    DEADLOCK = "deadlock"
+    CAP = "cap"
+
+    @property
+    def terminal(self) -> bool:
+        """Whether the state has no future: a capped episode is cut off, and the learner still bootstraps from it."""
+        return self in (Outcome.SOLVED, Outcome.DEADLOCK)
+
+
+@dataclass(frozen=True, slots=True)
+class TeacherJoined:
+    """A teacher is present."""
+
+    teacher: str
+
+
+@dataclass(frozen=True, slots=True)
+class TeacherLeft:
+    """A teacher is gone; what they have answered stays."""
+
+    teacher: str
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeBegan:
+    """The environment stands at the start of an episode."""
+
+    episode: int
+    state: bytes
+    view: str
+    """The state as teachers see it (Sokoban: XSB text)."""
+    optimal_steps: int | None
+    """Fewest steps from here; None where no exact solver reaches."""
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerGiven:
+    """A teacher's answer arrived, for the first time under this id."""
+
+    teacher: str
+    answer_id: bytes
+    decision: int
+    state: bytes
+    """The state it was given for: an answer is bound to what the teacher saw."""
+    answer: Answer
+
+
+@dataclass(frozen=True, slots=True)
+class WindowElapsed:
+    """The deadline that the session asked for has passed."""
+
+
+@dataclass(frozen=True, slots=True)
+class StepTaken:
+    """The environment executed the action of a decision."""
+
+    decision: int
+    reward: float
+    outcome: Outcome
+    state: bytes
+    view: str
+
+
+@dataclass(frozen=True, slots=True)
+class WindowChanged:
+    """The window is another from now on; an open window is measured anew from its opening."""
+
+    by: str
+    window: Window
+
+
+@dataclass(frozen=True, slots=True)
+class Paused:
+    """Hold the count-down and the next decision."""
+
+    by: str
+
+
+@dataclass(frozen=True, slots=True)
+class Resumed:
+    """Go on from a pause."""
+
+    by: str
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """End the session here; what was learnt is kept."""
+
+    by: str
+
+
+@dataclass(frozen=True, slots=True)
+class Restarted:
+    """A new learner process took the session over; windows open anew, for clocks do not survive a process."""
+
+    epoch: int
+
+
+Event = (
+    TeacherJoined
+    | TeacherLeft
+    | EpisodeBegan
+    | AnswerGiven
+    | WindowElapsed
+    | StepTaken
+    | WindowChanged
+    | Paused
+    | Resumed
+    | Stopped
+    | Restarted
+)

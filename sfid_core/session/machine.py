@@ -1,0 +1,338 @@
+"""The session machine: one function over events.
+
+Rule 1: everything that changes a session is in this file.
+Rule 2: this file knows no clock, thread, socket, file or unnamed chance. Time arrives as `at_ns` beside each event, and
+draws are named by the decision, so a journal of (at_ns, event) replays to the same table on any machine.
+
+    GATHERING --enough teachers--> BEGINNING --episode began--> decision opens
+    labels:   ASKING --quorum, or deadline--> EXECUTING --step taken--> learn
+    rewards:  EXECUTING --step taken--> ASKING --quorum, or deadline--> learn
+    nothing:  EXECUTING --step taken--> learn
+    learn --running--> next decision opens, or READY while paused
+    learn --episode over--> BEGINNING, or FINISHED after the last
+    any --restarted--> the same phase with a fresh window; any --stopped--> FINISHED
+"""
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from sfid_core.session.config import WindowMode
+from sfid_core.session.effects import (
+    Acknowledge,
+    Announce,
+    AnswerCode,
+    BeginEpisode,
+    Effect,
+    EpisodeDone,
+    Execute,
+    Ignored,
+    SessionDone,
+    StepDone,
+)
+from sfid_core.session.events import (
+    AnswerGiven,
+    EpisodeBegan,
+    Event,
+    Paused,
+    Restarted,
+    Resumed,
+    StepTaken,
+    Stopped,
+    TeacherJoined,
+    TeacherLeft,
+    WindowChanged,
+    WindowElapsed,
+)
+from sfid_core.session.measures import EpisodeTally, StepMeasures
+from sfid_core.session.state import Given, Phase, Session
+from sfid_core.teaching.answers import Answer, AnswerKind
+
+Effects = tuple[Effect, ...]
+
+DEADLINES_KEPT = 16
+"""Decisions whose deadline is remembered. A person lags one decision behind, a stopped network a few; older is late."""
+
+
+def advance(session: Session, at_ns: int, event: Event) -> tuple[Session, Effects]:
+    """Return the session after `event`, and what its shell must now do.
+
+    The session passed in is consumed: its table is too large to copy at each step, so go on with the one returned.
+    An event that is not legal in the phase changes nothing and yields Ignored (an answer: Acknowledge with REJECTED).
+    """
+    return session, _HANDLERS[type(event)](session, at_ns, event)
+
+
+def replay(session: Session, journal: Iterable[tuple[int, Event]]) -> Session:
+    """Return the session after every (at_ns, event) of a journal, effects unperformed."""
+    for at_ns, event in journal:
+        session, _ = advance(session, at_ns, event)
+    return session
+
+
+def _joined(session: Session, _at_ns: int, event: TeacherJoined) -> Effects:
+    if session.phase is Phase.FINISHED:
+        return (Ignored("the session is finished"),)
+    session.teachers.add(event.teacher)
+    if session.phase is Phase.GATHERING:
+        return _gather(session)
+    return (Announce(),)
+
+
+def _gather(session: Session) -> Effects:
+    if len(session.teachers) < session.config.teachers_min:
+        return (Announce(),)
+    session.phase = Phase.BEGINNING
+    return Announce(), BeginEpisode(session.episode)
+
+
+def _left(session: Session, at_ns: int, event: TeacherLeft) -> Effects:
+    if event.teacher not in session.teachers:
+        return (Ignored("not present"),)
+    session.teachers.discard(event.teacher)
+    return (Announce(), *_close_if_answered(session, at_ns))
+
+
+def _began(session: Session, at_ns: int, event: EpisodeBegan) -> Effects:
+    if session.phase is not Phase.BEGINNING or event.episode != session.episode:
+        return (Ignored("no episode was to begin"),)
+    session.state, session.view, session.optimal_steps = event.state, event.view, event.optimal_steps
+    session.step, session.tally = 0, EpisodeTally()
+    return _open(session, at_ns)
+
+
+def _open(session: Session, at_ns: int) -> Effects:
+    """Pick the action and open the decision; a paused session stays between decisions."""
+    if session.paused:
+        session.phase = Phase.READY
+        return (Announce(),)
+    session.action = session.method.choose(session.state, session.decision)
+    session.opened_at_ns = at_ns
+    session.answers.clear()
+    session.verdict = session.transition = None
+    if session.method.asks is AnswerKind.LABEL:
+        return _ask(session, at_ns)
+    session.phase = Phase.EXECUTING
+    return Announce(), Execute(session.decision, session.action)
+
+
+def _ask(session: Session, at_ns: int) -> Effects:
+    """Open the window of the decision for its whole span."""
+    session.phase = Phase.ASKING
+    session.asked_at_ns = at_ns
+    session.elapsed_ns = 0
+    _set_deadline(session, at_ns)
+    return (Announce(),)
+
+
+def _set_deadline(session: Session, at_ns: int) -> None:
+    """Let the window, of which `elapsed_ns` have passed, run on from now."""
+    endless = session.window.mode is WindowMode.UNTIL_ANSWERED
+    deadline_ns = None if endless else at_ns + session.window.span_ms * 1_000_000 - session.elapsed_ns
+    session.deadline_ns = None if session.paused else deadline_ns
+    session.deadlines_ns[session.decision] = deadline_ns
+    if len(session.deadlines_ns) > DEADLINES_KEPT:
+        del session.deadlines_ns[next(iter(session.deadlines_ns))]
+
+
+def _answer(session: Session, at_ns: int, event: AnswerGiven) -> Effects:
+    counted = event.answer.kind is not AnswerKind.ABSTAIN
+    session.counts.submitted += counted
+    reason = _why_rejected(session, event)
+    if reason:
+        session.counts.rejected += counted
+        return (Acknowledge(event.answer_id, AnswerCode.REJECTED, reason),)
+    session.counts.acknowledged += counted
+    if session.phase is not Phase.ASKING or event.decision != session.decision:
+        return (Acknowledge(event.answer_id, _too_late(session, at_ns, event, counted=counted)),)
+    before = session.answers.get(event.teacher)
+    if before is not None and before.answer.kind is not AnswerKind.ABSTAIN:
+        session.counts.pending -= 1
+        session.counts.superseded += 1
+    session.counts.pending += counted
+    session.answers[event.teacher] = Given(event.answer_id, event.answer)
+    return (Acknowledge(event.answer_id, AnswerCode.ACCEPTED), *_close_if_answered(session, at_ns))
+
+
+def _why_rejected(session: Session, event: AnswerGiven) -> str:
+    """Say why an answer answers nothing that was asked, or return an empty text."""
+    if event.teacher not in session.teachers:
+        return "join the session before you answer"
+    kind = event.answer.kind
+    if kind is not AnswerKind.ABSTAIN and kind is not session.method.asks:
+        asked = session.method.asks.value if session.method.asks else "nothing"
+        return f"this session asks for {asked}, not {kind.value}"
+    if event.decision > session.decision:
+        return "that decision is not open yet"
+    if event.decision == session.decision and event.state != session.state and session.phase is Phase.ASKING:
+        return "that decision was asked for another state"
+    return ""
+
+
+def _too_late(session: Session, at_ns: int, event: AnswerGiven, *, counted: bool) -> AnswerCode:
+    deadline_ns = session.deadlines_ns.get(event.decision, 0)
+    if deadline_ns is None or at_ns <= deadline_ns:
+        session.counts.superseded += counted
+        return AnswerCode.SUPERSEDED
+    session.counts.late += counted
+    return AnswerCode.LATE
+
+
+def _close_if_answered(session: Session, at_ns: int) -> Effects:
+    if session.phase is not Phase.ASKING or session.paused or session.window.mode is WindowMode.FULL:
+        return ()
+    if session.window.quorum:
+        answered = len(session.answers) >= session.window.quorum
+    else:
+        answered = bool(session.answers) and session.teachers <= session.answers.keys()
+    return _close(session, at_ns) if answered else ()
+
+
+def _elapsed(session: Session, at_ns: int, _event: WindowElapsed) -> Effects:
+    if session.deadline_ns is None or at_ns < session.deadline_ns:
+        return (Ignored("no window was due"),)
+    return _close(session, at_ns)
+
+
+def _close(session: Session, at_ns: int) -> Effects:
+    """Close the window: judge the answers, then act (labels) or learn (rewards)."""
+    session.deadline_ns = None
+    inputs = [session.answers[teacher].answer for teacher in sorted(session.answers)]
+    applied = _labels(inputs)
+    session.counts.pending -= applied
+    session.counts.applied += applied
+    session.verdict = session.method.judge(session.action, inputs)
+    if session.transition is not None:
+        return _learn(session, at_ns, session.transition)
+    session.phase = Phase.EXECUTING
+    return (Execute(session.decision, session.action),)
+
+
+def _labels(answers: Iterable[Answer]) -> int:
+    return sum(answer.kind is not AnswerKind.ABSTAIN for answer in answers)
+
+
+def _taken(session: Session, at_ns: int, event: StepTaken) -> Effects:
+    if session.phase is not Phase.EXECUTING or event.decision != session.decision:
+        return (Ignored("no such step was to be taken"),)
+    if session.method.asks is AnswerKind.REWARD:
+        session.transition = event
+        return _ask(session, at_ns)
+    return _learn(session, at_ns, event)
+
+
+def _learn(session: Session, at_ns: int, taken: StepTaken) -> Effects:
+    """Update from the transition and go on to the next decision, episode or the end."""
+    verdict = session.verdict or session.method.judge(session.action, ())
+    next_state = None if taken.outcome.terminal else taken.state
+    errors = session.method.learn(session.state, session.action, taken.reward, verdict.h, next_state)
+    answers = tuple((teacher, session.answers[teacher].answer) for teacher in sorted(session.answers))
+    inputs = _labels(answer for _, answer in answers)
+    session.tally.add(taken.reward, verdict.h, errors, inputs, session.config.parameters.gamma)
+    session.teaching_ns += max(0, at_ns - session.opened_at_ns)
+    measures = StepMeasures(
+        session.decision,
+        session.episode,
+        session.step,
+        session.state,
+        session.view,
+        session.action,
+        answers,
+        verdict.label,
+        verdict.h,
+        taken.reward,
+        errors,
+        taken.outcome,
+        taken.view,
+        tuple(session.method.table.values(session.state)),
+    )
+    session.decision += 1
+    session.step += 1
+    session.state, session.view = taken.state, taken.view
+    session.answers.clear()
+    session.verdict = session.transition = None
+    if taken.outcome.value == "running":
+        return (StepDone(measures), *_open(session, at_ns))
+    return (StepDone(measures), *_end_episode(session, taken))
+
+
+def _end_episode(session: Session, taken: StepTaken) -> Effects:
+    measures = session.tally.measures(session.episode, session.optimal_steps, taken.outcome)
+    session.episodes.append(measures)
+    session.episode += 1
+    if session.episode == session.config.episodes:
+        return (EpisodeDone(measures), *_finish(session))
+    session.phase = Phase.BEGINNING
+    return EpisodeDone(measures), BeginEpisode(session.episode)
+
+
+def _finish(session: Session) -> Effects:
+    session.phase = Phase.FINISHED
+    session.deadline_ns = None
+    session.paused = False
+    return Announce(), SessionDone()
+
+
+def _window(session: Session, at_ns: int, event: WindowChanged) -> Effects:
+    session.window = event.window
+    if session.phase is not Phase.ASKING:
+        return (Announce(),)
+    if not session.paused:
+        session.elapsed_ns = at_ns - session.asked_at_ns
+    _set_deadline(session, at_ns)
+    return (Announce(), *_close_if_answered(session, at_ns))
+
+
+def _paused(session: Session, at_ns: int, _event: Paused) -> Effects:
+    if session.paused or session.phase is Phase.FINISHED:
+        return (Ignored("already paused or finished"),)
+    session.paused = True
+    if session.deadline_ns is not None:
+        session.elapsed_ns = session.window.span_ms * 1_000_000 - max(0, session.deadline_ns - at_ns)
+        session.deadline_ns = None
+    return (Announce(),)
+
+
+def _resumed(session: Session, at_ns: int, _event: Resumed) -> Effects:
+    if not session.paused:
+        return (Ignored("not paused"),)
+    session.paused = False
+    if session.phase is Phase.READY:
+        return _open(session, at_ns)
+    if session.phase is Phase.ASKING:
+        _set_deadline(session, at_ns)
+    return (Announce(), *_close_if_answered(session, at_ns))
+
+
+def _stopped(session: Session, _at_ns: int, _event: Stopped) -> Effects:
+    if session.phase is Phase.FINISHED:
+        return (Ignored("already finished"),)
+    session.counts.superseded += session.counts.pending
+    session.counts.pending = 0
+    return _finish(session)
+
+
+def _restarted(session: Session, at_ns: int, event: Restarted) -> Effects:
+    session.epoch = event.epoch
+    session.deadlines_ns.clear()
+    if session.phase is Phase.BEGINNING:
+        return Announce(), BeginEpisode(session.episode)
+    session.opened_at_ns = at_ns
+    if session.phase is Phase.EXECUTING:
+        return Announce(), Execute(session.decision, session.action)
+    return _ask(session, at_ns) if session.phase is Phase.ASKING else (Announce(),)
+
+
+# mypy cannot tie a key's type to its handler's argument; test_session_machine meets every event in every phase.
+_HANDLERS: dict[type, Callable[[Session, int, Any], Effects]] = {
+    TeacherJoined: _joined,
+    TeacherLeft: _left,
+    EpisodeBegan: _began,
+    AnswerGiven: _answer,
+    WindowElapsed: _elapsed,
+    StepTaken: _taken,
+    WindowChanged: _window,
+    Paused: _paused,
+    Resumed: _resumed,
+    Stopped: _stopped,
+    Restarted: _restarted,
+}

@@ -1,0 +1,1 @@
+"""What teachers can say, how several of them are merged, and simulated teachers."""

@@ -1,0 +1,29 @@
+"""How the answers of several direct teachers become one: a vote each, and a tie is silence (our rule)."""
+
+from collections import Counter
+from collections.abc import Iterable
+
+from sfid_core.teaching.answers import Answer, AnswerKind
+
+
+def merge_labels(answers: Iterable[Answer]) -> int | None:
+    """Return the action that most teachers named, or None when nobody named one or the first place is shared."""
+    votes = Counter(answer.action for answer in answers if answer.kind is AnswerKind.LABEL)
+    ranked = votes.most_common(2)
+    if not ranked or (len(ranked) == 2 and ranked[0][1] == ranked[1][1]):
+        return None
+    return ranked[0][0]
+
+
+def merge_rewards(answers: Iterable[Answer]) -> float | None:
+    """Return the mean reward of the side (praise or blame) with more votes, or None when the sides are equal.
+
+    A reward of exactly 0 is a vote for neither side. One teacher alone is therefore taken at their word.
+    """
+    rewards = [answer.reward for answer in answers if answer.kind is AnswerKind.REWARD and answer.reward is not None]
+    praise = [reward for reward in rewards if reward > 0]
+    blame = [reward for reward in rewards if reward < 0]
+    if len(praise) == len(blame):
+        return None
+    side = praise if len(praise) > len(blame) else blame
+    return sum(side) / len(side)
