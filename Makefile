@@ -27,11 +27,19 @@ demo: ## everything on this machine, with a scripted teacher
 bench: ## the figures of the README
 	$(bin)/pytest tests/benchmarks -q -s
 
-# The lock names versions and hashes and no index, so that it installs from any mirror.
-# The second one is for images of services that do not watch: it leaves out the viewer.
-compile := $(bin)/uv pip compile pyproject.toml --all-extras --universal --python-version 3.11 \
-	--generate-hashes --no-emit-index-url --no-emit-find-links --no-header --quiet
+# The locks name versions and hashes and no index, so that they install from any mirror.
+#   requirements.lock           everything: all extras and what the tests need
+#   requirements-monitor.lock   an image that watches
+#   requirements-services.lock  an image that does not watch: without the viewer and what only the viewer needs
+pin = build/lock/bin/uv pip compile pyproject.toml --quiet --universal --python-version 3.11 \
+	--generate-hashes --no-emit-index-url --no-header --no-annotate --output-file
 
 lock: ## requirements*.lock, made anew from pyproject.toml
-	$(bin)/pip install --quiet uv
-	echo done
+	python3 -m venv build/lock
+	build/lock/bin/pip install --quiet uv
+	rm -f requirements*.lock
+	echo "rerun-sdk; python_version < '3'" >build/lock/without-viewer.txt
+	$(pin) requirements.lock --all-extras
+	$(pin) requirements-monitor.lock --constraints requirements.lock --extra metrics
+	$(pin) requirements-services.lock --constraints requirements.lock --extra metrics \
+		--overrides build/lock/without-viewer.txt
