@@ -16,6 +16,8 @@ Id = Annotated[bytes, Meta(min_length=16, max_length=16)]
 StateKey = Annotated[bytes, Meta(max_length=32)]
 Count = Annotated[int, Meta(ge=0, le=2**53 - 1)]
 Milliseconds = Annotated[int, Meta(ge=0, le=2**40)]
+Finite = Annotated[float, Meta(ge=-1.7e308, le=1.7e308)]
+"""Any float64 but NaN and the infinities."""
 Reward = Annotated[float, Meta(ge=-1.0, le=1.0)]
 Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 Text = Annotated[str, Meta(max_length=512)]
@@ -98,13 +100,13 @@ class Step(Wire, frozen=True, kw_only=True, tag="step"):
     action: ActionName
     said: Annotated[tuple[SaidBy, ...], Meta(max_length=256)] = ()
     label: ActionName | None = None
-    h: float
-    reward: float
-    td_error: float
-    td_error_shaped: float
+    h: Finite
+    reward: Finite
+    td_error: Finite
+    td_error_shaped: Finite
     outcome: OutcomeName
     next_view: View
-    values: Annotated[tuple[float, ...], Meta(max_length=64)]
+    values: Annotated[tuple[Finite, ...], Meta(max_length=64)]
 
 
 class Episode(Wire, frozen=True, kw_only=True, tag="episode"):
@@ -117,10 +119,10 @@ class Episode(Wire, frozen=True, kw_only=True, tag="episode"):
     episode: Count
     steps: Count
     optimal_steps: Count | None = None
-    abs_td_error: float
-    abs_td_error_shaped: float
-    discounted_return: float
-    discounted_env_return: float
+    abs_td_error: Finite
+    abs_td_error_shaped: Finite
+    discounted_return: Finite
+    discounted_env_return: Finite
     inputs: Count
     agreements: Count
     outcome: OutcomeName
@@ -214,9 +216,9 @@ class World(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     level: Annotated[str, Meta(max_length=16_384)]
     level_name: Text = "level"
     starts: Annotated[str, Meta(pattern=r"^([1-9][0-9]{0,6}|all|within:[1-9][0-9]{0,6})$")] = "4"
-    goal_reward: float = 10.0
-    step_reward: float = 0.0
-    deadlock_reward: float = -10.0
+    goal_reward: Finite = 10.0
+    step_reward: Finite = 0.0
+    deadlock_reward: Finite = -10.0
     steps_max: Annotated[int, Meta(ge=1, le=1_000_000)] = 200
 
 
@@ -226,8 +228,8 @@ class CreateSession(Wire, frozen=True, kw_only=True, tag="create-session"):
     session: Name
     world: World
     method: Name = "sfid"
-    alpha: float = 0.1
-    gamma: float = 0.9
+    alpha: Finite = 0.1
+    gamma: Finite = 0.9
     episodes: Annotated[int, Meta(ge=1, le=1_000_000)] = 30
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
     window: WindowSpec
@@ -238,6 +240,8 @@ class SessionQuery(Wire, frozen=True, kw_only=True, tag="session-query"):
     """Ask about one session, or about all of them."""
 
     session: Name | None = None
+    first_episode: Count = 0
+    """Where the episodes of a report begin; a report holds at most 100."""
 
 
 class LabelTotals(Struct, frozen=True, kw_only=True):
@@ -281,6 +285,8 @@ class SessionReport(Wire, frozen=True, kw_only=True, tag="session-report"):
     labels: LabelTotals
     teaching_ns: Count
     q_sha256: Annotated[str, Meta(max_length=64)]
+    malformed: dict[str, Count] = {}
+    """Messages that could not be read, by sender."""
     first_episode: Count = 0
     episodes: tuple[Episode, ...]
     """At most 100, from `first_episode` on."""
@@ -327,7 +333,7 @@ class Executed(Wire, frozen=True, kw_only=True, tag="executed"):
     """The action was executed."""
 
     decision: Count
-    reward: float
+    reward: Finite
     outcome: OutcomeName
     state: StateKey
     view: View
