@@ -49,29 +49,26 @@ def decode(payload: bytes, expected: type[M]) -> M:
 
 
 def unpack(payload: bytes) -> Any:  # noqa: ANN401 - any msgpack value, checked by the caller's schema
-    """Return the plain value that the payload holds: no extension types, no duplicate keys, no NaN.
+    """Return the plain value that the payload holds: no extension types, no key twice in the outer map.
 
     Raises: DecodeError.
     """
     try:
-        return msgpack.unpackb(
-            payload, raw=False, strict_map_key=True, object_pairs_hook=_once, ext_hook=_no_extension, timestamp=0
-        )
+        value = msgpack.unpackb(payload, raw=False, strict_map_key=True, ext_hook=_no_extension)
     except DecodeError:
         raise
     except (ValueError, TypeError, RecursionError, OverflowError, msgpack.UnpackException) as error:
         raise DecodeError(DecodeFault.NOT_MSGPACK, printable(str(error) or type(error).__name__)) from None
-
-
-def _once(pairs: list[tuple[Any, Any]]) -> dict[Any, Any]:
-    """Build a map in which each key stands once and no number is NaN or infinite."""
-    found = dict(pairs)
-    if len(found) != len(pairs):
+    if type(value) is dict and len(value) != _map_length(payload):
         raise DecodeError(DecodeFault.NOT_MSGPACK, "a key stands twice")
-    for value in found.values():
-        if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):  # noqa: PLR0124
-            raise DecodeError(DecodeFault.NOT_MSGPACK, "a number is not finite")
-    return found
+    return value
+
+
+def _map_length(payload: bytes) -> int:
+    """Return the number of pairs that the header of the outer map announces (msgpack: fixmap, map 16, map 32)."""
+    if payload[0] <= 0x8F:  # noqa: PLR2004 - fixmap is 0x80 to 0x8f
+        return payload[0] & 0x0F
+    return int.from_bytes(payload[1 : 3 if payload[0] == 0xDE else 5], "big")  # noqa: PLR2004 - map 16
 
 
 def _no_extension(code: int, _data: bytes) -> Any:  # noqa: ANN401 - it never returns

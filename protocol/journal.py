@@ -1,0 +1,197 @@
+"""The journal's records: events of a session as bodies of rows, and rows as a session again.
+
+An answer's body is the message as its teacher sent it, without the identity token. A closing by the clock is folded
+into the step that it led to (`elapsed_at_ns`), unless something else happened in between.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import NamedTuple
+
+import msgspec
+
+from protocol.codec import DecodeError, DecodeFault, decode, encode, pack, printable, unpack
+from protocol.messages import Answer, CreateSession
+from protocol.translate import UnknownAction, answer_given, config_of
+from sfid_core.session.config import Window, WindowMode
+from sfid_core.session.events import (
+    EpisodeBegan,
+    Event,
+    Outcome,
+    Paused,
+    Restarted,
+    Resumed,
+    StepTaken,
+    Stopped,
+    TeacherJoined,
+    TeacherLeft,
+    WindowChanged,
+    WindowElapsed,
+)
+from sfid_core.session.machine import advance
+from sfid_core.session.measures import EpisodeMeasures
+from sfid_core.session.state import Session, new_session
+
+
+class Kind(Enum):
+    """Kinds of rows."""
+
+    CREATED = "created"
+    JOINED = "joined"
+    LEFT = "left"
+    BEGAN = "began"
+    ANSWER = "answer"
+    ELAPSED = "elapsed"
+    STEP = "step"
+    WINDOW = "window"
+    PAUSED = "paused"
+    RESUMED = "resumed"
+    STOPPED = "stopped"
+    RESTARTED = "restarted"
+    DIGEST = "digest"
+    """No event: the SHA-256 of the table at this point, for `replay --verify`."""
+    CONFLICT = "conflict"
+    """No event: an answer that came under the id of another; kept for audit, never applied."""
+
+
+class Record(NamedTuple):
+    """What the fold needs of a journal row."""
+
+    kind: str
+    at_ns: int
+    body: bytes
+
+
+def answer_body(message: Answer) -> bytes:
+    """Return an answer as it is journaled: without its token, for a journal holds no secrets."""
+    return encode(message if message.token is None else msgspec.structs.replace(message, token=None))
+
+
+def event_body(event: Event) -> tuple[Kind, bytes]:
+    """Return kind and body of any event but an answer and a step, which have their own functions."""
+    match event:
+        case TeacherJoined(teacher):
+            return Kind.JOINED, pack(teacher)
+        case TeacherLeft(teacher):
+            return Kind.LEFT, pack(teacher)
+        case EpisodeBegan(episode, state, view, optimal_steps):
+            return Kind.BEGAN, pack([episode, state, view, optimal_steps])
+        case WindowElapsed():
+            return Kind.ELAPSED, b""
+        case WindowChanged(by, window):
+            return Kind.WINDOW, pack([by, window.mode.value, window.span_ms, window.quorum])
+        case Paused(by):
+            return Kind.PAUSED, pack(by)
+        case Resumed(by):
+            return Kind.RESUMED, pack(by)
+        case Stopped(by):
+            return Kind.STOPPED, pack(by)
+        case Restarted(epoch):
+            return Kind.RESTARTED, pack(epoch)
+    message = f"{type(event).__name__} has a body function of its own"
+    raise TypeError(message)
+
+
+def step_body(event: StepTaken, elapsed_at_ns: int | None) -> bytes:
+    """Return the body of a transition, with the closing by the clock that led to it, if one did."""
+    return pack([event.decision, event.reward, event.outcome.value, event.state, event.view, elapsed_at_ns])
+
+
+def digest_body(session: Session, q_sha256: str) -> bytes:
+    """Return the body of a digest row."""
+    return pack([session.decision, session.episode, q_sha256])
+
+
+@dataclass(slots=True)
+class Folded:
+    """A session as its rows tell it."""
+
+    session: Session
+    config: CreateSession
+    actions_taken: list[str] = field(default_factory=list)
+    """Names of the actions executed in the running episode, to restore an environment from."""
+    episodes_at: list[tuple[int, int, EpisodeMeasures]] = field(default_factory=list)
+    """(at_ns, decision after it, measures) of each finished episode."""
+    digests: int = 0
+    mismatches: list[int] = field(default_factory=list)
+    """Decisions at which a noted digest differs from the rebuilt table."""
+    events: int = 0
+
+
+def fold(records: Iterable[Record], actions: tuple[str, ...]) -> Folded | None:
+    """Return the session that the records of one session build, or None when it was never created.
+
+    Args: actions: the world's action names by index. Raises: DecodeError when a body cannot be read.
+    """
+    folded: Folded | None = None
+    numbers = {name: index for index, name in enumerate(actions)}
+    for record in records:
+        if folded is None:
+            message = decode(record.body, CreateSession)
+            folded = Folded(new_session(config_of(message), len(actions)), message)
+            continue
+        try:
+            _apply(folded, record, actions, numbers)
+        except (UnknownAction, ValueError, TypeError, IndexError) as error:
+            if isinstance(error, DecodeError):
+                raise
+            raise DecodeError(DecodeFault.NOT_THE_SCHEMA, f"{record.kind} row: {printable(str(error))}") from None
+    return folded
+
+
+def _apply(folded: Folded, record: Record, actions: tuple[str, ...], numbers: dict[str, int]) -> None:
+    if record.kind == Kind.DIGEST.value:
+        folded.digests += 1
+        if unpack(record.body)[2] != folded.session.method.table.sha256():
+            folded.mismatches.append(folded.session.decision)
+        return
+    for at_ns, event in events_of(record, numbers):
+        folded.events += 1
+        if isinstance(event, EpisodeBegan):
+            folded.actions_taken.clear()
+        elif isinstance(event, StepTaken):
+            folded.actions_taken.append(actions[folded.session.action])
+        done = len(folded.session.episodes)
+        advance(folded.session, at_ns, event)
+        if len(folded.session.episodes) > done:
+            folded.episodes_at.append((at_ns, folded.session.decision, folded.session.episodes[-1]))
+
+
+def events_of(record: Record, numbers: dict[str, int]) -> Iterator[tuple[int, Event]]:
+    """Yield the (at_ns, event) of a row in order; rows that are no events yield nothing."""
+    kind, at_ns, body = record
+    if kind == Kind.ANSWER.value:
+        yield at_ns, answer_given(decode(body, Answer), numbers)
+    elif kind == Kind.STEP.value:
+        decision, reward, outcome, state, view, elapsed_at_ns = unpack(body)
+        if elapsed_at_ns is not None:
+            yield elapsed_at_ns, WindowElapsed()
+        yield at_ns, StepTaken(decision, reward, Outcome(outcome), state, view)
+    elif kind == Kind.ELAPSED.value:
+        yield at_ns, WindowElapsed()
+    elif kind not in _NO_EVENT:
+        yield at_ns, _small_event(Kind(kind), unpack(body))
+
+
+_NO_EVENT = {Kind.DIGEST.value, Kind.CONFLICT.value, Kind.CREATED.value}
+
+
+def _small_event(kind: Kind, value: object) -> Event:
+    if kind is Kind.BEGAN:
+        episode, state, view, optimal_steps = value  # type: ignore[misc]
+        return EpisodeBegan(episode, state, view, optimal_steps)  # type: ignore[has-type]
+    if kind is Kind.WINDOW:
+        by, mode, span_ms, quorum = value  # type: ignore[misc]
+        return WindowChanged(by, Window(WindowMode(mode), span_ms, quorum))  # type: ignore[has-type]
+    return _BY_NAME[kind](value)  # type: ignore[arg-type, return-value]
+
+
+_BY_NAME = {
+    Kind.JOINED: TeacherJoined,
+    Kind.LEFT: TeacherLeft,
+    Kind.PAUSED: Paused,
+    Kind.RESUMED: Resumed,
+    Kind.STOPPED: Stopped,
+    Kind.RESTARTED: Restarted,
+}

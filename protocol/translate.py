@@ -1,0 +1,183 @@
+"""Between the wire's messages and the core's types: action names and numbers, texts and enums."""
+
+from collections.abc import Mapping, Sequence
+
+from protocol import messages as wire
+from sfid_core.learning.method import Parameters
+from sfid_core.session.config import SessionConfig, Window, WindowMode, WorldSpec
+from sfid_core.session.events import AnswerGiven
+from sfid_core.session.measures import EpisodeMeasures, LabelCounts, StepMeasures
+from sfid_core.session.state import Phase, Session
+from sfid_core.teaching.answers import Answer, AnswerKind
+
+TEACHERS_NAMED_MAX = 64
+"""Names listed in one decision message; a crowd is counted, not named."""
+
+
+class UnknownAction(ValueError):  # noqa: N818 - it names what is wrong
+    """A message names an action that the session does not have; the text is one line with the mend."""
+
+
+def config_of(message: wire.CreateSession) -> SessionConfig:
+    """Return the core's configuration; raise ParameterError with the mend when a value is out of its range."""
+    world = message.world
+    spec = WorldSpec(
+        world.level,
+        world.level_name,
+        world.starts,
+        world.goal_reward,
+        world.step_reward,
+        world.deadlock_reward,
+        world.steps_max,
+    )
+    return SessionConfig(
+        message.session,
+        spec,
+        message.method,
+        Parameters(message.alpha, message.gamma),
+        message.episodes,
+        message.seed,
+        window_of(message.window),
+        message.teachers_min,
+    )
+
+
+def window_of(spec: wire.WindowSpec) -> Window:
+    """Return the core's window."""
+    return Window(WindowMode(spec.mode), spec.span_ms, spec.quorum)
+
+
+def window_spec(window: Window) -> wire.WindowSpec:
+    """Return the wire's window."""
+    return wire.WindowSpec(mode=window.mode.value, span_ms=window.span_ms, quorum=window.quorum)
+
+
+def answer_given(message: wire.Answer, numbers: Mapping[str, int]) -> AnswerGiven:
+    """Return the answer as an event of the session.
+
+    Args: numbers: action name to index. Raises: UnknownAction.
+    """
+    try:
+        answer = Answer(
+            _KINDS[message.kind],
+            None if message.action is None else numbers[message.action],
+            message.reward,
+            tuple(numbers[name] for name in message.guidance),
+            None if message.mistake is None else (message.mistake.first_step, message.mistake.last_step),
+            () if message.posterior is None else _posterior(message.posterior, numbers),
+        )
+    except KeyError as error:
+        text = f"action {error.args[0]!r} is not of this session: use one of {', '.join(numbers)}"
+        raise UnknownAction(text) from None
+    if answer.kind is AnswerKind.LABEL and answer.action is None:
+        text = f"a label names an action: use one of {', '.join(numbers)}, or the kind abstain"
+        raise UnknownAction(text)
+    if answer.kind is AnswerKind.REWARD and answer.reward is None:
+        text = "a reward has a value from -1 to 1: give one, or the kind abstain"
+        raise UnknownAction(text)
+    return AnswerGiven(message.teacher, message.answer_id, message.decision, message.state, answer)
+
+
+_KINDS = {kind.value: kind for kind in AnswerKind}
+
+
+def _posterior(posterior: Mapping[str, float], numbers: Mapping[str, int]) -> tuple[float, ...]:
+    for name in posterior:
+        numbers[name]  # a name that is not an action is an error, not a zero
+    return tuple(posterior.get(name, 0.0) for name in numbers)
+
+
+def decision_message(session: Session, actions: Sequence[str], sequence: int, at_ns: int) -> wire.Decision:
+    """Return the decision as it stands, for everyone who watches or teaches."""
+    judging = session.transition
+    asks = session.method.asks
+    deadline_ns = session.deadline_ns
+    names = sorted(session.teachers)
+    return wire.Decision(
+        session=session.config.session,
+        epoch=session.epoch,
+        sequence=sequence,
+        decision=session.decision,
+        episode=session.episode,
+        step=session.step,
+        phase=session.phase.value,
+        paused=session.paused,
+        asked="nothing" if asks is None else asks.value,
+        state=session.state,
+        view=session.view if judging is None else judging.view,
+        actions=tuple(actions),
+        action=None if session.phase is Phase.ASKING and judging is None else actions[session.action],
+        remaining_ms=None if deadline_ns is None else max(0, deadline_ns - at_ns) // 1_000_000,
+        window=window_spec(session.window),
+        teachers=tuple(names[:TEACHERS_NAMED_MAX]),
+        teachers_present=len(names),
+        method=session.config.method,
+        episodes=session.config.episodes,
+        optimal_steps=session.optimal_steps,
+    )
+
+
+def step_message(step: StepMeasures, session: Session, actions: Sequence[str], at_ns: int) -> wire.Step:
+    """Return a learnt step for watchers."""
+    said = tuple(
+        wire.SaidBy(
+            teacher=teacher,
+            kind=answer.kind.value,
+            action=None if answer.action is None else actions[answer.action],
+            reward=answer.reward,
+        )
+        for teacher, answer in step.answers[:256]
+    )
+    return wire.Step(
+        session=session.config.session,
+        epoch=session.epoch,
+        decision=step.decision,
+        episode=step.episode,
+        step=step.step,
+        at_ns=at_ns,
+        state=step.state,
+        view=step.view,
+        action=actions[step.action],
+        said=said,
+        label=None if step.label is None else actions[step.label],
+        h=step.h,
+        reward=step.reward,
+        td_error=step.errors.environment,
+        td_error_shaped=step.errors.shaped,
+        outcome=step.outcome.value,
+        next_view=step.next_view,
+        values=step.values,
+    )
+
+
+def episode_message(episode: EpisodeMeasures, session: Session, at_ns: int) -> wire.Episode:
+    """Return a finished episode for watchers and reports."""
+    return wire.Episode(
+        session=session.config.session,
+        epoch=session.epoch,
+        decision=session.decision,
+        at_ns=at_ns,
+        episode=episode.episode,
+        steps=episode.steps,
+        optimal_steps=episode.optimal_steps,
+        abs_td_error=episode.abs_td_error,
+        abs_td_error_shaped=episode.abs_td_error_shaped,
+        discounted_return=episode.discounted_return,
+        discounted_env_return=episode.discounted_env_return,
+        inputs=episode.inputs,
+        agreements=episode.agreements,
+        outcome=episode.outcome.value,
+    )
+
+
+def label_totals(counts: LabelCounts) -> wire.LabelTotals:
+    """Return the label counts for a report."""
+    return wire.LabelTotals(
+        submitted=counts.submitted,
+        acknowledged=counts.acknowledged,
+        applied=counts.applied,
+        superseded=counts.superseded,
+        late=counts.late,
+        rejected=counts.rejected,
+        pending=counts.pending,
+    )
