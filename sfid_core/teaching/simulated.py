@@ -9,15 +9,15 @@ from sfid_core.learning.method import ParameterError
 class SimulatedTeacher:
     """A teacher who knows the optimal actions, errs at a rate and is silent at a rate.
 
-    Silence is drawn first, then error (algorithms of the field disagree only on what follows, not on this order).
-    Every draw is named by (seed, name, session) and the decision, so a teacher says the same in a live session, in a
-    batch run and after a restart, whatever else was asked in between.
+    Silence is drawn first, then error. Every draw is named by (seed, name, session) and the decision, so a
+    teacher says the same in a live session, in a batch run and after a restart, whatever else was asked in
+    between.
 
     Args: error_rate, silence_rate: probabilities in [0, 1]; actions: number of actions, 1 or more.
     Raises: ParameterError.
     """
 
-    def __init__(  # noqa: PLR0913 - who, where and the three numbers of the model
+    def __init__(
         self,
         seed: int,
         name: str,
@@ -42,9 +42,10 @@ class SimulatedTeacher:
     def label(self, decision: int, state: bytes, optimal: Sequence[int]) -> int | None:
         """Return the action this teacher names for `state`, or None for silence.
 
-        Of several optimal actions a teacher always names the same one in the same state. An error names one of the
-        actions that are not optimal, or, where all are, one of those the teacher would not have named; with nothing
-        else to name it is silence. Without an optimal action (an unsolvable state) there is nothing to say.
+        Of several optimal actions a teacher always names the same one in the same state. An error names one
+        of the actions that are not optimal, or, where all are, one that the teacher would not have named;
+        with nothing else to name it is silence. Without an optimal action (an unsolvable state) there is
+        nothing to say.
 
         Args: decision: running number in the session, names the draws; optimal: action indexes, in any order.
         """
@@ -57,11 +58,17 @@ class SimulatedTeacher:
         wrong = wrong or [action for action in range(self._actions) if action != named]
         return wrong[below(self._choice, decision, len(wrong))] if wrong else None
 
-    def reward(self, decision: int, state: bytes, action: int, optimal: Sequence[int]) -> float | None:  # noqa: ARG002
-        """Return +1 where `action` is one of the optimal ones and -1 where not, flipped by an error; None is silence.
+    def reward(
+        self,
+        decision: int,
+        state: bytes,  # noqa: ARG002 - every optimal action is praised alike, so the state draws nothing
+        action: int,
+        optimal: Sequence[int],
+    ) -> float | None:
+        """Return +1 where `action` is an optimal one and -1 where not, flipped by an error; None is silence.
 
-        Args: state: the state that the agent acted in, the one `optimal` belongs to (every optimal action is praised
-        alike, so that it draws nothing). Without an optimal action there is nothing to say.
+        Args: state: the state that the agent acted in, which `optimal` belongs to. Without an optimal action
+        there is nothing to say.
         """
         if not optimal or self._is_silent(decision):
             return None
