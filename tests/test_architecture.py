@@ -122,6 +122,24 @@ def file_too_long(path: Path, tree: ast.Module) -> Iterator[str]:
         yield f"{lines}: {path.name} has {lines} lines, {FILE_LINES_MAX} are allowed"
 
 
+def sleep_in_a_test(_: Path, tree: ast.Module) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and name_of(node.func) == "sleep":
+            yield f"{node.lineno}: a test waits for the event, with a deadline; it does not sleep"
+
+
+def patch_in_a_test(_: Path, tree: ast.Module) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            patches = node.module in {"unittest", "unittest.mock", "mock"}
+        elif isinstance(node, ast.Attribute):
+            patches = ast.unparse(node) == "monkeypatch.setattr"
+        else:
+            continue
+        if patches:
+            yield f"{node.lineno}: a test uses the fake an interface ships with; it does not patch"
+
+
 RULES: list[Rule] = [
     functions_too_long,
     environment_read_outside_configuration,
@@ -131,6 +149,7 @@ RULES: list[Rule] = [
     unfinished_function,
     file_too_long,
 ]
+RULES_OF_TESTS: list[Rule] = [sleep_in_a_test, patch_in_a_test, generator_without_a_seed, no_module_docstring]
 
 PLANTED: dict[Rule, str] = {
     functions_too_long: "def f() -> int:\n" + "    x = 1\n" * FUNCTION_LINES_MAX + "    return x\n",
@@ -140,23 +159,43 @@ PLANTED: dict[Rule, str] = {
     no_module_docstring: "x = 1\n",
     unfinished_function: "def f() -> int:\n    '''Later.'''\n    ...\n",
     file_too_long: "x = 1\n" * (FILE_LINES_MAX + 1),
+    sleep_in_a_test: "import time\ntime.sleep(1)\n",
+    patch_in_a_test: "from unittest.mock import patch\n",
 }
+
+
+def places(paths: list[Path], rule: Rule) -> list[str]:
+    """Where files break a rule, as `path:line: what is wrong`."""
+    return [
+        f"{path.relative_to(ROOT)}:{place}"
+        for path in paths
+        for place in rule(path, ast.parse(path.read_text(encoding="utf-8")))
+    ]
 
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.__name__)
 def test_no_file_of_the_packages_breaks_the_rule(rule: Rule) -> None:
     paths = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
     assert paths
-    assert [
-        f"{path.relative_to(ROOT)}:{place}"
-        for path in paths
-        for place in rule(path, ast.parse(path.read_text(encoding="utf-8")))
-    ] == []
+    assert places(paths, rule) == []
 
 
-@pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.__name__)
+@pytest.mark.parametrize("rule", RULES_OF_TESTS, ids=lambda rule: rule.__name__)
+def test_no_test_breaks_the_rule(rule: Rule) -> None:
+    paths = sorted((ROOT / "tests").rglob("*.py"))
+    assert places(paths, rule) == []
+
+
+@pytest.mark.parametrize("rule", PLANTED, ids=lambda rule: rule.__name__)
 def test_the_rule_finds_a_planted_fault(rule: Rule) -> None:
-    assert len(list(rule(Path("services/planted.py"), ast.parse(PLANTED[rule])))) == 1
+    found = list(rule(Path("services/planted.py"), ast.parse(PLANTED[rule])))
+    assert len(found) == 1
+    assert re.match(r"\d+: ", found[0])
+
+
+def test_no_two_test_files_share_a_name() -> None:
+    names = [path.name for path in (ROOT / "tests").rglob("test_*.py")]
+    assert sorted(names) == sorted(set(names))
 
 
 # --- the text of all files ---
@@ -182,18 +221,18 @@ def files_of_the_project() -> list[Path]:
 )
 def test_no_file_of_the_project_contains_the_pattern(pattern: re.Pattern[str], planted: str) -> None:
     assert pattern.search(planted)
-    places = []
+    found = []
     for path in files_of_the_project():
         try:
             text = path.read_text(encoding="utf-8")
         except UnicodeDecodeError:
             continue  # golden bytes and pictures
-        places += [
+        found += [
             f"{path.relative_to(ROOT)}:{number}: {line.strip()[:80]}"
             for number, line in enumerate(text.splitlines(), 1)
             if pattern.search(line)
         ]
-    assert places == []
+    assert found == []
 
 
 # --- who may import whom: the contracts of pyproject.toml ---
