@@ -57,9 +57,9 @@ class TabularMDP:
         return int(self.successor.shape[1])
 
     def _check_values(self) -> None:
-        outside = (self.successor < 0) | (self.successor >= self.n_states)
-        _refuse_any(outside.any(axis=1), f"successor is outside 0..{self.n_states - 1}")
-        _refuse_any(~np.isfinite(self.reward).all(axis=1), "reward is not finite")
+        outside = (self.successor.min(axis=1) < 0) | (self.successor.max(axis=1) >= self.n_states)
+        _refuse_any(outside, f"successor is outside 0..{self.n_states - 1}")
+        _refuse_any(~np.isfinite(self.reward.sum(axis=1)), "reward is not finite")
         _refuse_any(self.outcome > max(StateOutcome), "outcome is none of 0, 1 and 2")
         ended = np.flatnonzero(self.outcome != StateOutcome.RUNNING)
         leaving = np.zeros(self.n_states, dtype=np.bool_)

@@ -112,7 +112,8 @@ def _solved_states(table: StateTable) -> StateIds:
     ids = (ranks[:, np.newaxis] * table.n_cells + np.arange(table.n_cells)).reshape(-1)
     players = ids % table.n_cells
     taken = (table.boxes[:, ids // table.n_cells] == players).any(axis=0)
-    return ids[~taken]
+    solved: StateIds = ids[~taken]
+    return solved
 
 
 def _predecessors(table: StateTable, states: StateIds) -> Iterator[StateIds]:

@@ -169,7 +169,7 @@ def _binomials(n_cells: int, n_boxes: int) -> npt.NDArray[np.int64]:
 def _box_sets(n_cells: int, n_boxes: int) -> npt.NDArray[np.int16]:
     """Return int16 [n_boxes, n_ranks]: the box set of each rank, built one box at a time.
 
-    The sets whose greatest box is at cell c are, in order, c after each of the first C(c, n - 1) smaller sets.
+    The sets whose greatest box is at cell c are, in order, the first C(c, n - 1) smaller sets and c.
     """
     sets = np.zeros((0, 1), dtype=np.int16)
     for size in range(1, n_boxes + 1):
@@ -188,9 +188,11 @@ def _walks(neighbours: npt.NDArray[np.int16], n_ranks: int) -> npt.NDArray[np.in
     """Return int32 [n_ranks, n_cells, 4]: where actions lead when no box is near."""
     n_cells = neighbours.shape[1]
     stays = np.arange(n_cells, dtype=np.int32)
-    target = np.where(neighbours == BLOCKED, stays, neighbours).T.astype(np.int32)
+    target = np.ascontiguousarray(np.where(neighbours == BLOCKED, stays, neighbours).T, dtype=np.int32)
     first_ids = np.arange(n_ranks, dtype=np.int32) * np.int32(n_cells)
-    return np.add(first_ids[:, np.newaxis, np.newaxis], target[np.newaxis])
+    successor = np.empty((n_ranks, n_cells, len(ACTIONS)), dtype=np.int32)
+    np.add(first_ids[:, np.newaxis, np.newaxis], target[np.newaxis], out=successor)
+    return successor
 
 
 def _add_boxes(
