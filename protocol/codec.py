@@ -9,7 +9,8 @@ import msgspec
 from protocol.messages import Wire
 
 PAYLOAD_MAX = 65_536
-"""64 KiB. The largest honest message (a level of 16 KiB with its view) is a third of it; a lying length costs no memory."""
+"""64 KiB. The largest honest message (a level of 16 KiB with its view) is a third of it; a lying length
+costs no memory."""
 
 M = TypeVar("M", bound=Wire)
 
@@ -65,10 +66,10 @@ def unpack(payload: bytes) -> Any:  # noqa: ANN401 - any msgpack value, checked 
 
 
 def _map_length(payload: bytes) -> int:
-    """Return the number of pairs that the header of the outer map announces (msgpack: fixmap, map 16, map 32)."""
-    if payload[0] <= 0x8F:  # noqa: PLR2004 - fixmap is 0x80 to 0x8f
+    """Return the number of pairs that the header of the outer map announces: fixmap, map 16 or map 32."""
+    if payload[0] <= 0x8F:  # fixmap is 0x80 to 0x8f
         return payload[0] & 0x0F
-    return int.from_bytes(payload[1 : 3 if payload[0] == 0xDE else 5], "big")  # noqa: PLR2004 - map 16
+    return int.from_bytes(payload[1 : 3 if payload[0] == 0xDE else 5], "big")  # 0xde is map 16
 
 
 def _no_extension(code: int, _data: bytes) -> Any:  # noqa: ANN401 - it never returns
@@ -81,5 +82,5 @@ def pack(value: Any) -> bytes:  # noqa: ANN401 - any plain value
 
 
 def printable(text: str, length_max: int = 200) -> str:
-    """Return the text safe for a log line: one line, no control characters, at most `length_max` characters."""
+    """Return the text for a log line: one line, no control characters, at most `length_max` characters."""
     return "".join(char if char.isprintable() else "?" for char in text[:length_max])

@@ -1,6 +1,6 @@
 """The journal's records: events of a session as bodies of rows, and rows as a session again.
 
-An answer's body is the message as its teacher sent it, without the identity token. A closing by the clock is folded
+An answer's body is what its teacher was told and the message as they sent it, without the identity token. A closing by the clock is folded
 into the step that it led to (`elapsed_at_ns`), unless something else happened in between.
 """
 
@@ -13,8 +13,9 @@ import msgspec
 
 from protocol.codec import DecodeError, DecodeFault, decode, encode, pack, printable, unpack
 from protocol.messages import Answer, CreateSession
-from protocol.translate import UnknownAction, answer_given, config_of
+from protocol.translate import UnknownAction, action_names, answer_given, config_of
 from sfid_core.session.config import Window, WindowMode
+from sfid_core.session.effects import Acknowledge, AnswerCode, Effect
 from sfid_core.session.events import (
     EpisodeBegan,
     Event,
@@ -63,9 +64,23 @@ class Record(NamedTuple):
     body: bytes
 
 
-def answer_body(message: Answer) -> bytes:
-    """Return an answer as it is journaled: without its token, for a journal holds no secrets."""
-    return encode(message if message.token is None else msgspec.structs.replace(message, token=None))
+def without_token(message: Answer, payload: bytes) -> bytes:
+    """Return an answer's payload as it is journaled and compared: without its token, for a journal holds no secrets."""
+    return payload if message.token is None else encode(msgspec.structs.replace(message, token=None))
+
+
+def answer_body(code: AnswerCode, reason: str, answer: bytes) -> bytes:
+    """Return the body of an answer's row: what its teacher was told, and what they said."""
+    return pack([code.value, reason, answer])
+
+
+def read_answer_body(body: bytes) -> tuple[AnswerCode, str, bytes]:
+    """Return (code, reason, answer payload) of an answer's row; raise DecodeError when it is none."""
+    try:
+        code, reason, answer = unpack(body)
+        return AnswerCode(code), reason, answer
+    except (ValueError, TypeError) as error:
+        raise DecodeError(DecodeFault.NOT_THE_SCHEMA, f"answer row: {printable(str(error))}") from None
 
 
 def event_body(event: Event) -> tuple[Kind, bytes]:
@@ -113,22 +128,27 @@ class Folded:
     """Names of the actions executed in the running episode, to restore an environment from."""
     episodes_at: list[tuple[int, int, EpisodeMeasures]] = field(default_factory=list)
     """(at_ns, decision after it, measures) of each finished episode."""
+    known: set[str] = field(default_factory=set)
+    """Everybody who ever joined."""
     digests: int = 0
     mismatches: list[int] = field(default_factory=list)
-    """Decisions at which a noted digest differs from the rebuilt table."""
+    """Decisions at which a noted digest, or what a teacher was told, differs from the rebuilt session."""
     events: int = 0
 
 
-def fold(records: Iterable[Record], actions: tuple[str, ...]) -> Folded | None:
+def fold(records: Iterable[Record]) -> Folded | None:
     """Return the session that the records of one session build, or None when it was never created.
 
-    Args: actions: the world's action names by index. Raises: DecodeError when a body cannot be read.
+    Raises: DecodeError when a body cannot be read.
     """
     folded: Folded | None = None
-    numbers = {name: index for index, name in enumerate(actions)}
+    actions: tuple[str, ...] = ()
+    numbers: dict[str, int] = {}
     for record in records:
         if folded is None:
             message = decode(record.body, CreateSession)
+            actions = action_names(message.world)
+            numbers = {name: index for index, name in enumerate(actions)}
             folded = Folded(new_session(config_of(message), len(actions)), message)
             continue
         try:
@@ -153,16 +173,24 @@ def _apply(folded: Folded, record: Record, actions: tuple[str, ...], numbers: di
         elif isinstance(event, StepTaken):
             folded.actions_taken.append(actions[folded.session.action])
         done = len(folded.session.episodes)
-        advance(folded.session, at_ns, event)
+        _, effects = advance(folded.session, at_ns, event)
+        if record.kind == Kind.ANSWER.value and read_answer_body(record.body)[0] is not _told(effects):
+            folded.mismatches.append(folded.session.decision)
+        if isinstance(event, TeacherJoined):
+            folded.known.add(event.teacher)
         if len(folded.session.episodes) > done:
             folded.episodes_at.append((at_ns, folded.session.decision, folded.session.episodes[-1]))
+
+
+def _told(effects: tuple[Effect, ...]) -> AnswerCode | None:
+    return effects[0].code if effects and isinstance(effects[0], Acknowledge) else None
 
 
 def events_of(record: Record, numbers: dict[str, int]) -> Iterator[tuple[int, Event]]:
     """Yield the (at_ns, event) of a row in order; rows that are no events yield nothing."""
     kind, at_ns, body = record
     if kind == Kind.ANSWER.value:
-        yield at_ns, answer_given(decode(body, Answer), numbers)
+        yield at_ns, answer_given(decode(read_answer_body(body)[2], Answer), numbers)
     elif kind == Kind.STEP.value:
         decision, reward, outcome, state, view, elapsed_at_ns = unpack(body)
         if elapsed_at_ns is not None:

@@ -1,22 +1,26 @@
 """Every key expression of the system; nobody else writes one.
 
-    sfid/v1/<deployment>/session/<session>/decision                  put     learner -> teachers, monitor
-    sfid/v1/<deployment>/session/<session>/measures                  put     learner -> teachers, monitor
-    sfid/v1/<deployment>/session/<session>/join/<teacher>            query   teacher -> learner
-    sfid/v1/<deployment>/session/<session>/answer/<teacher>          query   teacher -> learner
-    sfid/v1/<deployment>/session/<session>/control/<teacher>         query   teacher -> learner
-    sfid/v1/<deployment>/session/<session>/present/<teacher>         token   teacher -> learner
-    sfid/v1/<deployment>/learner/<verb>                              query   anybody  -> learner
-    sfid/v1/<deployment>/environment/<verb>                          query   learner -> environment
-    sfid/v1/<deployment>/service/<role>/<name>                       token   service -> everybody
+sfid/v1/<deployment>/session/<session>/decision                  put     learner -> teachers, monitor
+sfid/v1/<deployment>/session/<session>/measures                  put     learner -> teachers, monitor
+sfid/v1/<deployment>/session/<session>/join/<teacher>            query   teacher -> learner
+sfid/v1/<deployment>/session/<session>/answer/<teacher>          query   teacher -> learner
+sfid/v1/<deployment>/session/<session>/control/<teacher>         query   teacher -> learner
+sfid/v1/<deployment>/session/<session>/present/<teacher>         token   teacher -> learner
+sfid/v1/<deployment>/learner/<verb>                              query   anybody  -> learner
+sfid/v1/<deployment>/environment/<verb>                          query   learner -> environment
+sfid/v1/<deployment>/service/<role>/<name>                       token   service -> everybody
 """
 
 import re
 from dataclasses import dataclass
 
 NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,47}")
-"""Sessions, teachers, deployments: no wildcard, no `@`, no slash, nothing to escape in a path or a terminal."""
+"""Sessions, teachers, deployments: no wildcard, no `@`, no slash, nothing to escape in a path or a
+terminal."""
 NAME_MEND = "use 1 to 48 of a-z, 0-9, - and _, beginning with a letter or digit"
+
+
+_OF_A_TEACHER = frozenset({"join", "answer", "control", "present"})
 
 
 class KeyNameError(ValueError):
@@ -82,9 +86,9 @@ class Keys:
         return f"{self.root}/service/{role}/{name}"
 
     def session_and_teacher(self, key: str) -> tuple[str, str]:
-        """Return (session, teacher) of a join, answer, control or present key; raise KeyNameError for any other key."""
+        """Return (session, teacher) of a join, answer, control or present key; KeyNameError for any other."""
         parts = key.removeprefix(self.root + "/").split("/")
-        if len(parts) != 4 or parts[0] != "session" or parts[2] not in {"join", "answer", "control", "present"}:  # noqa: PLR2004
+        if len(parts) != 4 or parts[0] != "session" or parts[2] not in _OF_A_TEACHER:
             message = f"key {key[:120]!r} names no session and teacher"
             raise KeyNameError(message)
         return checked(parts[1], "session"), checked(parts[3], "teacher")

@@ -1,7 +1,8 @@
 """Every message on the wire, as frozen types with their limits.
 
-Field names, units and the order of events are explained in README.md of this folder, for clients in any language.
-Unknown fields are refused, so a typing error never passes as silence; a new field means a new schema number.
+Field names, units and the order of events are explained in README.md of this folder, for clients in any
+language. Unknown fields are refused, so a typing error never passes as silence; a new field means a new
+schema number.
 """
 
 from typing import Annotated, Literal
@@ -287,6 +288,8 @@ class SessionReport(Wire, frozen=True, kw_only=True, tag="session-report"):
     q_sha256: Annotated[str, Meta(max_length=64)]
     malformed: dict[str, Count] = {}
     """Messages that could not be read, by sender."""
+    failure: Text = ""
+    """Why the session was stopped before its end, if it was."""
     first_episode: Count = 0
     episodes: tuple[Episode, ...]
     """At most 100, from `first_episode` on."""

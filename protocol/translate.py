@@ -8,6 +8,7 @@ from sfid_core.session.config import SessionConfig, Window, WindowMode, WorldSpe
 from sfid_core.session.events import AnswerGiven
 from sfid_core.session.measures import EpisodeMeasures, LabelCounts, StepMeasures
 from sfid_core.session.state import Phase, Session
+from sfid_core.sokoban.actions import Action
 from sfid_core.teaching.answers import Answer, AnswerKind
 
 TEACHERS_NAMED_MAX = 64
@@ -16,6 +17,11 @@ TEACHERS_NAMED_MAX = 64
 
 class UnknownAction(ValueError):  # noqa: N818 - it names what is wrong
     """A message names an action that the session does not have; the text is one line with the mend."""
+
+
+def action_names(_world: wire.World) -> tuple[str, ...]:
+    """Return the names of a world's actions by their index in the core."""
+    return tuple(action.name for action in Action)
 
 
 def config_of(message: wire.CreateSession) -> SessionConfig:

@@ -27,16 +27,18 @@ class Window:
 
     mode: WindowMode = WindowMode.EARLY
     span_ms: int = 2_000
-    """Span in ms, 1 to 3,600,000. The paper lets the teacher set it and states no value: the default is our choice."""
+    """Span in ms, 1 to 3,600,000. The paper lets the teacher set it and states no value: 2 s is our choice."""
     quorum: int = 0
     """Number of answers that close the window; 0 means every teacher who is present (at least one)."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.span_ms <= SPAN_MS_MAX:
-            message = f"window span {self.span_ms} ms is outside 1 to {SPAN_MS_MAX}: people need about 500 to 5000 ms"
+            message = (
+                f"window span {self.span_ms} ms is outside 1 to {SPAN_MS_MAX}: people need 500 to 5000 ms"
+            )
             raise ParameterError(message)
         if self.quorum < 0:
-            message = f"window quorum {self.quorum} is negative: use 0 for everyone present, or a number of answers"
+            message = f"window quorum {self.quorum} is negative: use 0 for everyone present, or a number"
             raise ParameterError(message)
 
 
@@ -48,7 +50,7 @@ class WorldSpec:
     """The level in XSB."""
     level_name: str = "level"
     starts: str = "4"
-    """Start distribution D: "1" the level's own start, "N" that and N-1 drawn ones, "all" every solvable state."""
+    """Start distribution: "1" the level's own start, "N" that and N-1 drawn ones, "all" every solvable one."""
     goal_reward: float = 10.0
     step_reward: float = 0.0
     deadlock_reward: float = -10.0

@@ -17,7 +17,7 @@ class Outcome(Enum):
 
     @property
     def terminal(self) -> bool:
-        """Whether the state has no future: a capped episode is cut off, and the learner still bootstraps from it."""
+        """Whether the state has no future; a capped episode is cut off, and the learner bootstraps from it."""
         return self in (Outcome.SOLVED, Outcome.DEADLOCK)
 
 
@@ -106,7 +106,7 @@ class Stopped:
 
 @dataclass(frozen=True, slots=True)
 class Restarted:
-    """A new learner process took the session over; windows open anew, for clocks do not survive a process."""
+    """A learner process took the session up (at its creation, too); windows open anew, for clocks do not survive a process."""
 
     epoch: int
 

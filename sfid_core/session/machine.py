@@ -1,8 +1,9 @@
 """The session machine: one function over events.
 
 Rule 1: everything that changes a session is in this file.
-Rule 2: this file knows no clock, thread, socket, file or unnamed chance. Time arrives as `at_ns` beside each event, and
-draws are named by the decision, so a journal of (at_ns, event) replays to the same table on any machine.
+Rule 2: this file knows no clock, thread, socket, file or unnamed chance. Time arrives as `at_ns` beside each
+event, and draws are named by the decision, so a journal of (at_ns, event) replays to the same table on any
+machine.
 
     GATHERING --enough teachers--> BEGINNING --episode began--> decision opens
     labels:   ASKING --quorum, or deadline--> EXECUTING --step taken--> learn
@@ -50,14 +51,16 @@ from sfid_core.teaching.answers import Answer, AnswerKind
 Effects = tuple[Effect, ...]
 
 DEADLINES_KEPT = 16
-"""Decisions whose deadline is remembered. A person lags one decision behind, a stopped network a few; older is late."""
+"""Decisions whose deadline is remembered. A person lags one decision behind, a stopped network a few; older
+is late."""
 
 
 def advance(session: Session, at_ns: int, event: Event) -> tuple[Session, Effects]:
     """Return the session after `event`, and what its shell must now do.
 
-    The session passed in is consumed: its table is too large to copy at each step, so go on with the one returned.
-    An event that is not legal in the phase changes nothing and yields Ignored (an answer: Acknowledge with REJECTED).
+    The session passed in is consumed: its table is too large to copy at each step, so go on with the one
+    returned. An event that is not legal in the phase changes nothing and yields Ignored (an answer:
+    Acknowledge with REJECTED).
     """
     return session, _HANDLERS[type(event)](session, at_ns, event)
 
@@ -161,11 +164,21 @@ def _why_rejected(session: Session, event: AnswerGiven) -> str:
     if kind is not AnswerKind.ABSTAIN and kind is not session.method.asks:
         asked = session.method.asks.value if session.method.asks else "nothing"
         return f"this session asks for {asked}, not {kind.value}"
-    if event.decision > session.decision:
+    if event.decision > session.decision or (event.decision == session.decision and _is_unasked(session)):
         return "that decision is not open yet"
     if event.decision == session.decision and event.state != session.state and session.phase is Phase.ASKING:
         return "that decision was asked for another state"
     return ""
+
+
+def _is_unasked(session: Session) -> bool:
+    """Tell whether the decision that comes next, or is being executed, is still to be asked about."""
+    if session.phase is Phase.EXECUTING:
+        return session.method.asks is not AnswerKind.LABEL
+    return session.phase in _BEFORE_A_DECISION
+
+
+_BEFORE_A_DECISION = (Phase.GATHERING, Phase.BEGINNING, Phase.READY)
 
 
 def _too_late(session: Session, at_ns: int, event: AnswerGiven, *, counted: bool) -> AnswerCode:
@@ -197,9 +210,6 @@ def _close(session: Session, at_ns: int) -> Effects:
     """Close the window: judge the answers, then act (labels) or learn (rewards)."""
     session.deadline_ns = None
     inputs = [session.answers[teacher].answer for teacher in sorted(session.answers)]
-    applied = _labels(inputs)
-    session.counts.pending -= applied
-    session.counts.applied += applied
     session.verdict = session.method.judge(session.action, inputs)
     if session.transition is not None:
         return _learn(session, at_ns, session.transition)
@@ -227,6 +237,8 @@ def _learn(session: Session, at_ns: int, taken: StepTaken) -> Effects:
     errors = session.method.learn(session.state, session.action, taken.reward, verdict.h, next_state)
     answers = tuple((teacher, session.answers[teacher].answer) for teacher in sorted(session.answers))
     inputs = _labels(answer for _, answer in answers)
+    session.counts.pending -= inputs
+    session.counts.applied += inputs
     session.tally.add(taken.reward, verdict.h, errors, inputs, session.config.parameters.gamma)
     session.teaching_ns += max(0, at_ns - session.opened_at_ns)
     measures = StepMeasures(
@@ -286,9 +298,9 @@ def _paused(session: Session, at_ns: int, _event: Paused) -> Effects:
     if session.paused or session.phase is Phase.FINISHED:
         return (Ignored("already paused or finished"),)
     session.paused = True
-    if session.deadline_ns is not None:
-        session.elapsed_ns = session.window.span_ms * 1_000_000 - max(0, session.deadline_ns - at_ns)
-        session.deadline_ns = None
+    session.deadline_ns = None
+    if session.phase is Phase.ASKING:
+        session.elapsed_ns = at_ns - session.asked_at_ns
     return (Announce(),)
 
 
@@ -299,6 +311,10 @@ def _resumed(session: Session, at_ns: int, _event: Resumed) -> Effects:
     if session.phase is Phase.READY:
         return _open(session, at_ns)
     if session.phase is Phase.ASKING:
+        # The pause is taken out of the window and of the decision as if it had not been.
+        paused_ns = at_ns - session.asked_at_ns - session.elapsed_ns
+        session.asked_at_ns += paused_ns
+        session.opened_at_ns += paused_ns
         _set_deadline(session, at_ns)
     return (Announce(), *_close_if_answered(session, at_ns))
 
@@ -314,6 +330,8 @@ def _stopped(session: Session, _at_ns: int, _event: Stopped) -> Effects:
 def _restarted(session: Session, at_ns: int, event: Restarted) -> Effects:
     session.epoch = event.epoch
     session.deadlines_ns.clear()
+    if session.phase is Phase.GATHERING:
+        return _gather(session)
     if session.phase is Phase.BEGINNING:
         return Announce(), BeginEpisode(session.episode)
     session.opened_at_ns = at_ns
@@ -322,7 +340,8 @@ def _restarted(session: Session, at_ns: int, event: Restarted) -> Effects:
     return _ask(session, at_ns) if session.phase is Phase.ASKING else (Announce(),)
 
 
-# mypy cannot tie a key's type to its handler's argument; test_session_machine meets every event in every phase.
+# mypy cannot tie a key's type to its handler's argument; test_session_machine meets every event in every
+# phase.
 _HANDLERS: dict[type, Callable[[Session, int, Any], Effects]] = {
     TeacherJoined: _joined,
     TeacherLeft: _left,

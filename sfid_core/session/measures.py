@@ -54,7 +54,16 @@ class EpisodeMeasures:
 class EpisodeTally:
     """Running sums of one episode; `measures` reads them out."""
 
-    __slots__ = ("_abs_env", "_abs_shaped", "_agreements", "_discount", "_env_return", "_inputs", "_return", "_steps")
+    __slots__ = (
+        "_abs_env",
+        "_abs_shaped",
+        "_agreements",
+        "_discount",
+        "_env_return",
+        "_inputs",
+        "_return",
+        "_steps",
+    )
 
     def __init__(self) -> None:
         self._steps = self._inputs = self._agreements = 0

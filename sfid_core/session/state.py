@@ -71,7 +71,8 @@ class Session:
     episodes: list[EpisodeMeasures] = field(default_factory=list)
     counts: LabelCounts = field(default_factory=LabelCounts)
     teaching_ns: int = 0
-    """Time from the opening of decisions to their update, summed: pauses between decisions and down-time are left out."""
+    """Time from the opening of decisions to their update, summed: pauses between decisions and down-time are
+    left out."""
 
 
 def new_session(config: SessionConfig, actions: int = 4) -> Session:

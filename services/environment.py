@@ -1,0 +1,169 @@
+"""The environment service: it owns the worlds and executes what learners decide.
+
+It keeps nothing on disk. An episode is rebuilt from its seed and its actions, so a learner that meets an environment
+without memory begins the episode again with the actions already taken (`Begin.actions`).
+"""
+
+import logging
+import queue
+import threading
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from protocol.codec import DecodeError, decode, encode
+from protocol.keys import Keys
+from protocol.messages import Begin, Begun, ExecuteAction, Executed, Refusal, Wire
+from services.runtime.bus import Bus, Request
+from sfid_core.sokoban.actions import Action
+from sfid_core.sokoban.board import Board
+from sfid_core.sokoban.levels import LevelError
+from sfid_core.sokoban.world import World, WorldError, make_world
+
+log = logging.getLogger("sfid.environment")
+
+INBOX_MAX = 4096
+"""Requests waiting: one for each session of a large learner; more is answered with "busy"."""
+WORLDS_MAX = 64
+"""Worlds kept ready. The largest solved level takes about 250 MB, a usual one less than 2 MB."""
+
+
+@dataclass(frozen=True, slots=True)
+class EnvironmentConfig:
+    """Configuration of an environment service."""
+
+    deployment: str = "local"
+    name: str = "environment"
+
+
+@dataclass(slots=True)
+class _Episode:
+    """A running episode of one session."""
+
+    epoch: int
+    episode: int
+    world: World
+    board: Board
+    steps: int = 0
+    decision: int = -1
+    action: str = ""
+    answered: bytes = b""
+
+
+class Environment:
+    """All episodes of this process: requests in, replies out, no bus and no clock."""
+
+    def __init__(self) -> None:
+        self._episodes: dict[str, _Episode] = {}
+        self._worlds: dict[bytes, World] = {}
+        self.refused: Counter[str] = Counter()
+
+    def handle(self, verb: str, payload: bytes) -> Wire:
+        """Return the reply to a request; a Refusal says in one line what is wrong."""
+        try:
+            reply = self._begin(decode(payload, Begin)) if verb == "begin" else self._execute(decode(payload, ExecuteAction))
+        except DecodeError as error:
+            reply = Refusal(code="malformed", reason=str(error))
+        except (LevelError, WorldError) as error:
+            reply = Refusal(code="invalid", reason=str(error)[:512])
+        if isinstance(reply, Refusal):
+            self.refused[reply.code] += 1
+        return reply
+
+    def _begin(self, request: Begin) -> Wire:
+        running = self._episodes.get(request.session)
+        if running is not None and request.epoch < running.epoch:
+            return _stale(request.epoch, running.epoch)
+        world = self._world(request)
+        start = board = world.begin(request.episode)
+        for steps_done, name in enumerate(request.actions):
+            board = world.execute(board, Action[name], steps_done).board
+        self._episodes[request.session] = _Episode(request.epoch, request.episode, world, board, len(request.actions))
+        if request.actions:
+            log.info(
+                "session %s: episode %d restored from its seed and %d actions",
+                request.session, request.episode, len(request.actions),
+            )  # fmt: skip
+        return Begun(
+            episode=request.episode,
+            step=len(request.actions),
+            state=board.state_key(),
+            view=board.to_xsb(),
+            optimal_steps=world.optimal_steps(start),
+            actions=tuple(action.name for action in Action),
+        )
+
+    def _world(self, request: Begin) -> World:
+        key = encode(Begin(session="any", epoch=0, episode=0, seed=request.seed, world=request.world))
+        world = self._worlds.pop(key, None)
+        if world is None:
+            world = make_world(request.world.level, _rules(request), request.seed)
+        self._worlds[key] = world
+        if len(self._worlds) > WORLDS_MAX:
+            del self._worlds[next(iter(self._worlds))]
+        return world
+
+    def _execute(self, request: ExecuteAction) -> Wire:
+        running = self._episodes.get(request.session)
+        if running is None:
+            return Refusal(code="unknown-session", reason=f"no episode of session {request.session} runs here: begin it")
+        if request.epoch < running.epoch:
+            return _stale(request.epoch, running.epoch)
+        if request.decision == running.decision and request.action == running.action:
+            return decode(running.answered, Executed)
+        if (request.episode, request.step, request.state) != (running.episode, running.steps, running.board.state_key()):
+            return Refusal(code="unknown-session", reason="the episode stands elsewhere: begin it with the actions taken")
+        if request.action not in Action.__members__:
+            return Refusal(code="invalid", reason=f"no action {request.action}: use one of {', '.join(Action.__members__)}")
+        done = running.world.execute(running.board, Action[request.action], running.steps)
+        running.board, running.steps = done.board, running.steps + 1
+        reply = Executed(
+            decision=request.decision,
+            reward=done.reward,
+            outcome=done.outcome.value,
+            state=done.board.state_key(),
+            view=done.board.to_xsb(),
+        )
+        running.decision, running.action, running.answered = request.decision, request.action, encode(reply)
+        return reply
+
+
+def _stale(epoch: int, newest: int) -> Refusal:
+    return Refusal(code="denied", reason=f"epoch {epoch} is over: a learner of epoch {newest} owns the session")
+
+
+def run(config: EnvironmentConfig, bus: Bus, ready: Callable[[], None], stop: threading.Event) -> None:
+    """Serve requests until `stop` is set."""
+    keys = Keys(config.deployment)
+    inbox: queue.SimpleQueue[tuple[str, Request] | None] = queue.SimpleQueue()
+    environment = Environment()
+
+    def receive(verb: str) -> Callable[[Request], None]:
+        def enqueue(request: Request) -> None:
+            if inbox.qsize() < INBOX_MAX:
+                inbox.put((verb, request))
+            else:
+                request.reply_error(encode(Refusal(code="busy", reason="the environment's inbox is full: ask again")))
+
+        return enqueue
+
+    for verb in ("begin", "execute"):
+        bus.serve(keys.environment(verb), receive(verb))
+    bus.announce(keys.service("environment", config.name))
+    ready()
+    while not stop.is_set():
+        try:
+            item = inbox.get(timeout=0.2)
+        except queue.Empty:
+            continue
+        if item is not None:
+            _reply(item[1], environment.handle(item[0], item[1].payload))
+    log.info("environment drained: %d requests refused", environment.refused.total())
+
+
+def _reply(request: Request, reply: Wire) -> None:
+    if isinstance(reply, Refusal):
+        log.warning("refused %s: %s", request.key, reply.reason)
+        request.reply_error(encode(reply))
+    else:
+        request.reply(encode(reply))

@@ -1,0 +1,22 @@
+"""Configuration of a learner service."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True, slots=True)
+class LearnerConfig:
+    """One learner process: where its journal is, and its limits."""
+
+    data_dir: Path
+    deployment: str = "local"
+    shard: int = 0
+    inbox_max: int = 16_384
+    """Messages waiting, at most: a second of 32 teachers at full speed. More are refused with "busy"."""
+    commit_every_ms: int = 500
+    """How long a row that nobody waits for may stay undurable."""
+    teachers_gone_ms: int = 5_000
+    """After a restart: how long a teacher's token may take to come back before the teacher counts as gone."""
+    sessions_max: int = 10_000
+    teachers_max: int = 1_000
+    """Direct teachers of one session."""

@@ -1,0 +1,56 @@
+"""A session in a running learner: the machine's state and what its shell keeps beside it."""
+
+from dataclasses import dataclass, field
+
+from protocol.journal import Folded
+from protocol.messages import CreateSession
+from protocol.translate import action_names, config_of
+from sfid_core.session.measures import EpisodeMeasures
+from sfid_core.session.state import Session, new_session
+
+
+@dataclass(slots=True)
+class LiveSession:
+    """One session of this process."""
+
+    session: Session
+    config: CreateSession
+    actions: tuple[str, ...]
+    numbers: dict[str, int]
+    known: set[str] = field(default_factory=set)
+    """Teachers who ever joined: one whose token comes back is present again without asking."""
+    actions_taken: list[str] = field(default_factory=list)
+    """Names of the actions executed in the running episode, to restore an environment from."""
+    episodes_at: list[tuple[int, int, EpisodeMeasures]] = field(default_factory=list)
+    sequence: int = 0
+    elapsed_at_ns: int | None = None
+    """A closing by the clock that waits to be journaled with the step it leads to."""
+    timer_ns: int | None = None
+    """The deadline for which a timer was set last."""
+    asked: int = 0
+    """Number of the latest question to the environment; answers to earlier ones are ignored."""
+    environment_lost: bool = False
+    failure: str = ""
+    """Why the session was stopped before its end, if it was."""
+
+    @property
+    def name(self) -> str:
+        """The session's name."""
+        return self.config.session
+
+
+def created(config: CreateSession) -> LiveSession:
+    """Return a new session; raise ParameterError when its configuration is not sound."""
+    actions = action_names(config.world)
+    session = new_session(config_of(config), len(actions))
+    return LiveSession(session, config, actions, {name: index for index, name in enumerate(actions)})
+
+
+def recovered(folded: Folded) -> LiveSession:
+    """Return the session that a journal tells."""
+    live = created(folded.config)
+    live.session = folded.session
+    live.known = folded.known
+    live.actions_taken = folded.actions_taken
+    live.episodes_at = folded.episodes_at
+    return live

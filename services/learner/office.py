@@ -1,0 +1,126 @@
+"""Where sessions are created, listed and shown."""
+
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING
+
+from protocol.codec import DecodeError, decode, encode
+from protocol.journal import Kind
+from protocol.messages import (
+    CreateSession,
+    Done,
+    Refusal,
+    SessionList,
+    SessionQuery,
+    SessionReport,
+    SessionSummary,
+)
+from protocol.translate import TEACHERS_NAMED_MAX, episode_message, label_totals
+from services.learner.live import created
+from sfid_core.learning.method import ParameterError
+from sfid_core.session.events import Restarted
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from services.learner.live import LiveSession
+    from services.learner.service import Learner
+    from services.runtime.bus import Request
+
+log = logging.getLogger("sfid.learner")
+
+EPISODES_A_REPORT = 100
+"""About 25 KB: well within the largest payload."""
+SENDERS_A_REPORT = 100
+
+
+class Office:
+    """Serves requests about sessions on the loop's thread."""
+
+    def __init__(self, learner: Learner) -> None:
+        self._learner = learner
+        self.verbs: dict[str, Callable[[Request], None]] = {
+            "create": self._on_create,
+            "list": self._on_list,
+            "show": self._on_show,
+        }
+
+    def _on_create(self, request: Request) -> None:
+        try:
+            message = decode(request.payload, CreateSession)
+            refusal = self._create(message)
+        except DecodeError as error:
+            refusal = Refusal(code="malformed", reason=str(error))
+        except ParameterError as error:
+            refusal = Refusal(code="invalid", reason=str(error)[:512])
+        if refusal is not None:
+            request.reply_error(encode(refusal))
+        else:
+            self._learner.reply_durably(request, Done(ok=True))
+
+    def _create(self, message: CreateSession) -> Refusal | None:
+        """Create the session, unless it is there already; return what is wrong, if anything is."""
+        learner = self._learner
+        present = learner.sessions.get(message.session)
+        if present is not None:
+            if present.config == message:
+                return None
+            return Refusal(code="conflict", reason=f"session {message.session} exists with another content: name another")
+        if len(learner.sessions) >= learner.config.sessions_max:
+            return Refusal(code="busy", reason=f"this learner has {learner.config.sessions_max} sessions: start another")
+        live = created(message)
+        learner.sessions[message.session] = live
+        at_ns = learner.at_ns()
+        learner.append(live, Kind.CREATED, encode(message), at_ns)
+        log.info("session %s created: %s on %s", live.name, message.method, message.world.level_name)
+        learner.happen(live, Restarted(learner.shard.epoch))
+        return None
+
+    def _on_list(self, request: Request) -> None:
+        request.reply(encode(SessionList(sessions=tuple(map(_summary, self._learner.sessions.values())))))
+
+    def _on_show(self, request: Request) -> None:
+        try:
+            message = decode(request.payload, SessionQuery)
+        except DecodeError as error:
+            request.reply_error(encode(Refusal(code="malformed", reason=str(error))))
+            return
+        live = self._learner.sessions.get(message.session or "")
+        if live is None:
+            reason = f"no session {message.session} here: `sfid session list` shows what there is"
+            request.reply_error(encode(Refusal(code="unknown-session", reason=reason)))
+            return
+        request.reply(encode(self._report(live, message.first_episode)))
+
+    def _report(self, live: LiveSession, first: int) -> SessionReport:
+        session = live.session
+        shown = live.episodes_at[first : first + EPISODES_A_REPORT]
+        malformed = {sender: n for (name, sender), n in self._learner.malformed.items() if name == live.name}
+        return SessionReport(
+            summary=_summary(live),
+            config=live.config,
+            epoch=session.epoch,
+            labels=label_totals(session.counts),
+            teaching_ns=session.teaching_ns,
+            q_sha256=session.method.table.sha256(),
+            malformed=dict(list(malformed.items())[:SENDERS_A_REPORT]),
+            failure=live.failure,
+            first_episode=first,
+            episodes=tuple(episode_message(measures, session, at_ns) for at_ns, _, measures in shown),
+        )
+
+
+def _summary(live: LiveSession) -> SessionSummary:
+    session = live.session
+    return SessionSummary(
+        session=live.name,
+        method=live.config.method,
+        level_name=live.config.world.level_name,
+        phase=session.phase.value,
+        paused=session.paused,
+        episode=session.episode,
+        episodes=session.config.episodes,
+        decision=session.decision,
+        teachers=tuple(sorted(session.teachers)[:TEACHERS_NAMED_MAX]),
+    )

@@ -1,0 +1,179 @@
+"""Where teachers come to: joining, answering, changing the window."""
+
+from __future__ import annotations
+
+import logging
+from hashlib import blake2b
+from typing import TYPE_CHECKING, Literal
+
+from protocol.codec import DecodeError, decode, encode
+from protocol.journal import Kind, answer_body, read_answer_body, without_token
+from protocol.keys import KeyNameError
+from protocol.messages import Acknowledgement, Answer, Control, Done, Join, Refusal, Welcome
+from protocol.translate import UnknownAction, answer_given, episode_message, window_of
+from sfid_core.session.effects import Acknowledge, AnswerCode, Ignored
+from sfid_core.session.events import Event, Paused, Resumed, Stopped, TeacherJoined, WindowChanged
+from sfid_core.session.machine import advance
+from sfid_core.session.state import Phase
+
+if TYPE_CHECKING:
+    from services.learner.live import LiveSession
+    from services.learner.service import Learner
+    from services.runtime.bus import Request
+
+log = logging.getLogger("sfid.learner")
+
+OPERATOR = "operator"
+"""The name under which the command line controls a session; nobody can teach under it."""
+EPISODES_SHOWN = 50
+"""Latest episodes in a welcome, for the curves of a late joiner."""
+RefusalCode = Literal["malformed", "unknown-session", "denied", "busy", "not-durable", "conflict", "invalid"]
+
+
+class Refused(Exception):  # noqa: N818 - not a fault of the program
+    """The request cannot be served; carries the reply."""
+
+    def __init__(self, code: RefusalCode, reason: str) -> None:
+        super().__init__(reason)
+        self.reply = Refusal(code=code, reason=reason[:512])
+
+
+class Reception:
+    """Serves the requests of teachers on the loop's thread."""
+
+    def __init__(self, learner: Learner) -> None:
+        self._learner = learner
+
+    def on_answer(self, request: Request) -> None:
+        """Journal an answer, let it take effect, acknowledge it after the commit."""
+        try:
+            message = decode(request.payload, Answer)
+            live = self._whose(request.key, message.session, message.teacher)
+            self._answer(live, message, request)
+        except (DecodeError, KeyNameError, UnknownAction, Refused) as error:
+            self._refuse(request, error)
+
+    def _answer(self, live: LiveSession, message: Answer, request: Request) -> None:
+        kept = without_token(message, request.payload)
+        if self._seen_before(live, message, kept, request):
+            return
+        if message.teacher not in live.session.teachers:
+            raise Refused("denied", f"join session {live.name} before you answer")
+        event = answer_given(message, live.numbers)
+        learner, at_ns = self._learner, self._learner.at_ns()
+        learner.journal_elapsed(live)
+        _, effects = advance(live.session, at_ns, event)
+        told = effects[0]
+        assert isinstance(told, Acknowledge)  # noqa: S101 - the machine's contract, for the type checker
+        body = answer_body(told.code, told.reason, kept)
+        seq = learner.append(live, Kind.ANSWER, body, at_ns, message.answer_id, message.teacher)
+        learner.perform(live, at_ns, effects[1:])
+        self._acknowledge(request, message.answer_id, told.code, told.reason, seq)
+
+    def _seen_before(self, live: LiveSession, message: Answer, kept: bytes, request: Request) -> bool:
+        """Answer a repeat: the same content gets the same acknowledgement, another content is a conflict."""
+        row = self._learner.shard.find(live.name, message.answer_id)
+        if row is None:
+            return False
+        if row.body is None:
+            raise Refused("denied", "that answer was erased at its teacher's wish")
+        code, reason, before = read_answer_body(row.body)
+        if before != kept:
+            at_ns = self._learner.at_ns()
+            self._learner.append(live, Kind.CONFLICT, kept, at_ns, None, message.teacher)
+            code, reason = AnswerCode.CONFLICT, "this id came before with another content: make a new id for a new answer"
+        self._acknowledge(request, message.answer_id, code, reason, row.seq)
+        return True
+
+    def _acknowledge(self, request: Request, answer_id: bytes, code: AnswerCode, reason: str, seq: int) -> None:
+        reply = Acknowledgement(
+            answer_id=answer_id,
+            code=code.value,
+            reason=reason,
+            check=blake2b(request.payload, digest_size=8).digest(),
+            epoch=self._learner.shard.epoch,
+            journal_seq=seq,
+        )
+        self._learner.reply_durably(request, reply)
+
+    def on_join(self, request: Request) -> None:
+        """Let a teacher take part and tell them where the session stands."""
+        try:
+            message = decode(request.payload, Join)
+            live = self._whose(request.key, message.session, message.teacher)
+            if message.teacher == OPERATOR:
+                raise Refused("denied", f"the name {OPERATOR} is kept for the command line: choose another")
+            self._join(live, message, request)
+        except (DecodeError, KeyNameError, Refused) as error:
+            self._refuse(request, error)
+
+    def _join(self, live: LiveSession, message: Join, request: Request) -> None:
+        session, learner = live.session, self._learner
+        finished = session.phase is Phase.FINISHED
+        if message.teacher not in session.teachers and not finished:
+            if len(session.teachers) >= learner.config.teachers_max:
+                raise Refused("busy", f"session {live.name} has {learner.config.teachers_max} teachers: use an aggregator")
+            live.known.add(message.teacher)
+            learner.happen(live, TeacherJoined(message.teacher))
+            log.info("session %s: teacher %s joined (%s)", live.name, message.teacher, message.client or "client unnamed")
+        at_ns = learner.at_ns()
+        latest = live.episodes_at[-EPISODES_SHOWN:]
+        welcome = Welcome(
+            session=live.name,
+            epoch=session.epoch,
+            rights=() if finished else ("answer", "window", "pause"),
+            decision=learner.decision(live, at_ns),
+            episodes=tuple(episode_message(measures, session, ended_ns) for ended_ns, _, measures in latest),
+        )
+        learner.reply_durably(request, welcome)
+
+    def on_control(self, request: Request) -> None:
+        """Change the window, pause, resume or stop; journaled and durable before the reply."""
+        try:
+            message = decode(request.payload, Control)
+            live = self._whose(request.key, message.session, message.teacher)
+            if message.teacher != OPERATOR and message.teacher not in live.session.teachers:
+                raise Refused("denied", f"join session {live.name} before you change it")
+            if message.verb == "stop" and message.teacher != OPERATOR:
+                raise Refused("denied", "only the operator stops a session: `sfid session stop`")
+            effects = self._learner.happen(live, _event_of(message))
+            ignored = next((effect.reason for effect in effects if isinstance(effect, Ignored)), "")
+            self._learner.reply_durably(request, Done(ok=not ignored, reason=ignored))
+        except (DecodeError, KeyNameError, Refused) as error:
+            self._refuse(request, error)
+
+    def _whose(self, key: str, session: str, teacher: str) -> LiveSession:
+        """Return the session that the key names, when the body names the same session and teacher."""
+        if self._learner.keys.session_and_teacher(key) != (session, teacher):
+            raise Refused("denied", "the key names another session or teacher than the message")
+        live = self._learner.sessions.get(session)
+        if live is None:
+            raise Refused("unknown-session", f"no session {session} here: `sfid session list` shows what there is")
+        return live
+
+    def _refuse(self, request: Request, error: Exception) -> None:
+        """Answer with an error; unreadable messages are counted by sender and logged at 1, 2, 4, 8 ..."""
+        if isinstance(error, Refused):
+            request.reply_error(encode(error.reply))
+            return
+        code: RefusalCode = "invalid" if isinstance(error, UnknownAction) else "malformed"
+        request.reply_error(encode(Refusal(code=code, reason=str(error)[:512])))
+        sender = self._sender(request.key)
+        self._learner.malformed[sender] += 1
+        count = self._learner.malformed[sender]
+        if count & (count - 1) == 0:
+            log.warning("session %s: unreadable message %d from %s: %s", sender[0], count, sender[1], error)
+
+    def _sender(self, key: str) -> tuple[str, str]:
+        try:
+            return self._learner.keys.session_and_teacher(key)
+        except KeyNameError:
+            return ("-", "-")
+
+
+def _event_of(message: Control) -> Event:
+    if message.verb == "window":
+        if message.window is None:
+            raise Refused("invalid", "a change of the window gives the window: mode, span_ms, quorum")
+        return WindowChanged(message.teacher, window_of(message.window))
+    return {"pause": Paused, "resume": Resumed, "stop": Stopped}[message.verb](message.teacher)

@@ -1,0 +1,341 @@
+"""The learner's loop: one thread, one inbox; journal, advance, perform, and acknowledge after the commit."""
+
+import heapq
+import itertools
+import logging
+import queue
+import threading
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from protocol.codec import encode
+from protocol.journal import Kind, Record, digest_body, event_body, fold, step_body
+from protocol.keys import Keys
+from protocol.messages import Refusal, Wire
+from protocol.translate import decision_message, episode_message, step_message
+from services.learner.config import LearnerConfig
+from services.learner.live import LiveSession, recovered
+from services.learner.office import Office
+from services.learner.reception import Reception
+from services.learner.world import WorldDesk
+from services.runtime.bus import Bus, Presence, Request
+from services.runtime.clock import Clock
+from services.runtime.journal.errors import JournalError
+from services.runtime.journal.shard import Shard
+from sfid_core.session.effects import (
+    Announce,
+    BeginEpisode,
+    Effect,
+    EpisodeDone,
+    Execute,
+    SessionDone,
+    StepDone,
+)
+from sfid_core.session.events import Event, Restarted, StepTaken, TeacherJoined, TeacherLeft, WindowElapsed
+from sfid_core.session.machine import advance
+from sfid_core.session.state import Phase
+
+log = logging.getLogger("sfid.learner")
+
+BATCH_MAX = 256
+"""Messages handled before the group is committed: bounds how long the first of them waits for its acknowledgement."""
+COMMIT_RETRY_MS = 500
+
+
+class _Item(NamedTuple):
+    """One thing to do on the loop's thread."""
+
+    handle: Callable[[Any], None]
+    argument: Any
+    request: Request | None = None
+    """The request that this is, if it is one: it can be refused while the journal fails."""
+
+
+class Learner:
+    """All sessions of one shard. Bus callbacks only enqueue; everything else happens in `turn`, on one thread."""
+
+    def __init__(self, config: LearnerConfig, bus: Bus, shard: Shard, clock: Clock) -> None:
+        self.config = config
+        self.bus = bus
+        self.shard = shard
+        self.keys = Keys(config.deployment)
+        self.sessions: dict[str, LiveSession] = {}
+        self.malformed: Counter[tuple[str, str]] = Counter()
+        """Unreadable messages by (session, sender)."""
+        self._clock = clock
+        # A steady clock that reads as wall time: it never jumps within this process, and rows are dated.
+        self._offset_ns = clock.wall_ns() - clock.now_ns()
+        self._inbox: queue.SimpleQueue[_Item] = queue.SimpleQueue()
+        self._timers: list[tuple[int, int, Callable[[Any], None], Any]] = []
+        self._timer_numbers = itertools.count()
+        self._unsent: list[tuple[Request, bytes]] = []
+        self._uncommitted_since_ns: int | None = None
+        self._failing = False
+        self._held: list[_Item] = []
+        self._present: set[tuple[str, str]] = set()
+        self.world = WorldDesk(self)
+        self.reception = Reception(self)
+        self.office = Office(self)
+
+    # ------------------------------------------------------------ life
+
+    def open(self) -> None:
+        """Rebuild every session from the journal and take up its thread; then serve."""
+        started_ns = self.at_ns()
+        for name in self.shard.sessions():
+            rows = (Record(row.kind, row.at_ns, row.body) for row in self.shard.rows(name) if row.body is not None)
+            folded = fold(rows)
+            if folded is not None:
+                self.sessions[name] = recovered(folded)
+        self._declare()
+        for live in list(self.sessions.values()):
+            if live.session.phase is not Phase.FINISHED:
+                self.happen(live, Restarted(self.shard.epoch))
+                log.info(
+                    "session %s goes on at episode %d, decision %d, epoch %d (%.0f ms)",
+                    live.name, live.session.episode, live.session.decision, self.shard.epoch,
+                    (self.at_ns() - started_ns) / 1e6,
+                )  # fmt: skip
+        self.call_later(self.config.teachers_gone_ms, self._mark_gone, None)
+
+    def _declare(self) -> None:
+        keys, enqueue = self.keys, self._receive
+        self.bus.watch(keys.present(), lambda presence: self._inbox.put(_Item(self._on_presence, presence)))
+        self.bus.serve(keys.answer(), enqueue(self.reception.on_answer))
+        self.bus.serve(keys.join(), enqueue(self.reception.on_join))
+        self.bus.serve(keys.control(), enqueue(self.reception.on_control))
+        for verb, handle in self.office.verbs.items():
+            self.bus.serve(keys.learner(verb), enqueue(handle))
+        self.bus.announce(keys.service("learner", f"shard-{self.config.shard}"))
+
+    def _receive(self, handle: Callable[[Request], None]) -> Callable[[Request], None]:
+        def enqueue(request: Request) -> None:
+            if self._inbox.qsize() < self.config.inbox_max:
+                self._inbox.put(_Item(handle, request, request))
+            else:
+                request.reply_error(encode(Refusal(code="busy", reason="the learner's inbox is full: send it again")))
+
+        return enqueue
+
+    def run(self, stop: threading.Event) -> None:
+        """Turn until `stop` is set, then drain: nothing that was acknowledged waits in memory afterwards."""
+        while not stop.is_set():
+            self.turn(0.2)
+        self.turn(0.0)
+        for live in self.sessions.values():
+            self.note_digest(live)
+        self._commit()
+        log.info("learner drained: %d sessions", len(self.sessions))
+
+    def turn(self, timeout_s: float) -> None:
+        """Handle what waits, at most BATCH_MAX messages, fire due timers, commit, acknowledge."""
+        try:
+            item = self._inbox.get(timeout=self._wait_s(timeout_s))
+            for _ in range(BATCH_MAX):
+                self._handle(item)
+                item = self._inbox.get_nowait()
+        except queue.Empty:
+            pass
+        self._fire_timers()
+        if self._unsent or self._overdue():
+            self._commit()
+
+    def _handle(self, item: _Item) -> None:
+        if not self._failing:
+            item.handle(item.argument)
+        elif item.request is not None:
+            refusal = Refusal(code="not-durable", reason="the journal cannot be written: send it again")
+            item.request.reply_error(encode(refusal))
+        else:  # nothing takes effect while it cannot be made durable
+            self._held.append(item)
+
+    def enqueue(self, handle: Callable[[Any], None], argument: Any) -> None:  # noqa: ANN401 - the handler's own
+        """Have `handle(argument)` called on the loop's thread; safe from any thread."""
+        self._inbox.put(_Item(handle, argument))
+
+    # ------------------------------------------------------------ time
+
+    def at_ns(self) -> int:
+        """Return the time of events: steady within the process, close to wall time."""
+        return self._clock.now_ns() + self._offset_ns
+
+    def call_later(self, delay_ms: int, handle: Callable[[Any], None], argument: Any) -> None:  # noqa: ANN401
+        """Call `handle(argument)` on the loop's thread, about `delay_ms` from now."""
+        self._set_timer(self.at_ns() + delay_ms * 1_000_000, handle, argument)
+
+    def _set_timer(self, at_ns: int, handle: Callable[[Any], None], argument: Any) -> None:  # noqa: ANN401
+        heapq.heappush(self._timers, (at_ns, next(self._timer_numbers), handle, argument))
+
+    def _wait_s(self, timeout_s: float) -> float:
+        if not self._timers:
+            return timeout_s
+        return min(timeout_s, max(0.0, (self._timers[0][0] - self.at_ns()) / 1e9))
+
+    def _fire_timers(self) -> None:
+        while self._timers and self._timers[0][0] <= self.at_ns():
+            _, _, handle, argument = heapq.heappop(self._timers)
+            if self._failing and handle is not self._retry_commit:
+                self._held.append(_Item(handle, argument))
+            else:
+                handle(argument)
+
+    def _on_window(self, live: LiveSession) -> None:
+        deadline_ns = live.session.deadline_ns
+        if deadline_ns is not None and deadline_ns <= self.at_ns():
+            self.happen(live, WindowElapsed())
+
+    # ------------------------------------------------------------ events
+
+    def happen(self, live: LiveSession, event: Event) -> tuple[Effect, ...]:
+        """Journal an event that is no answer, advance the session, perform the effects."""
+        at_ns = self.at_ns()
+        self._journal_event(live, at_ns, event)
+        _, effects = advance(live.session, at_ns, event)
+        self.perform(live, at_ns, effects)
+        return effects
+
+    def _journal_event(self, live: LiveSession, at_ns: int, event: Event) -> None:
+        if isinstance(event, WindowElapsed):
+            live.elapsed_at_ns = at_ns
+        elif isinstance(event, StepTaken):
+            self.append(live, Kind.STEP, step_body(event, live.elapsed_at_ns), at_ns)
+            live.elapsed_at_ns = None
+        else:
+            self.journal_elapsed(live)
+            kind, body = event_body(event)
+            self.append(live, kind, body, at_ns)
+
+    def journal_elapsed(self, live: LiveSession) -> None:
+        """Journal a closing by the clock by itself, because something else than its step comes next."""
+        if live.elapsed_at_ns is not None:
+            self.append(live, Kind.ELAPSED, b"", live.elapsed_at_ns)
+            live.elapsed_at_ns = None
+
+    def append(
+        self, live: LiveSession, kind: Kind, body: bytes, at_ns: int, unique: bytes | None = None, person: str | None = None
+    ) -> int:  # fmt: skip
+        """Append a row to the open group and return its number; it is durable after the next commit."""
+        if self._uncommitted_since_ns is None:
+            self._uncommitted_since_ns = at_ns
+        return self.shard.append(live.name, kind.value, body, at_ns=at_ns, unique=unique, person=person)
+
+    def perform(self, live: LiveSession, at_ns: int, effects: tuple[Effect, ...]) -> None:
+        """Carry out effects in order; the decision is published once, as it stands after all of them."""
+        announce = False
+        for effect in effects:
+            match effect:
+                case StepDone(measures):
+                    self.bus.publish(
+                        self.keys.measures(live.name), encode(step_message(measures, live.session, live.actions, at_ns))
+                    )
+                case Execute():
+                    self.world.execute(live)
+                case BeginEpisode():
+                    self.world.begin(live)
+                case Announce():
+                    announce = True
+                case EpisodeDone(measures):
+                    self._episode_done(live, at_ns, measures)
+                case SessionDone():
+                    self.note_digest(live)
+                    log.info("session %s finished after %d episodes", live.name, len(live.session.episodes))
+        if announce:
+            self.publish_decision(live, at_ns)
+        if live.session.deadline_ns is not None and live.session.deadline_ns != live.timer_ns:
+            live.timer_ns = live.session.deadline_ns
+            self._set_timer(live.session.deadline_ns, self._on_window, live)
+
+    def _episode_done(self, live: LiveSession, at_ns: int, measures: Any) -> None:  # noqa: ANN401 - EpisodeMeasures
+        live.episodes_at.append((at_ns, live.session.decision, measures))
+        self.bus.publish(self.keys.measures(live.name), encode(episode_message(measures, live.session, at_ns)))
+        done = measures.episode + 1
+        if done & (done - 1) == 0:  # at 1, 2, 4, 8 ... episodes: a growing table is hashed a bounded number of times
+            self.note_digest(live)
+
+    def publish_decision(self, live: LiveSession, at_ns: int) -> None:
+        """Publish the decision as it stands."""
+        live.sequence += 1
+        self.bus.publish(self.keys.decision(live.name), encode(self.decision(live, at_ns)))
+
+    def decision(self, live: LiveSession, at_ns: int) -> Wire:
+        """Return the decision as it stands."""
+        return decision_message(live.session, live.actions, live.sequence, at_ns)
+
+    def note_digest(self, live: LiveSession) -> None:
+        """Journal the SHA-256 of the table as it stands."""
+        self.journal_elapsed(live)
+        self.append(live, Kind.DIGEST, digest_body(live.session, live.session.method.table.sha256()), self.at_ns())
+
+    # ------------------------------------------------------------ presence
+
+    def _on_presence(self, presence: Presence) -> None:
+        session, teacher = self.keys.session_and_teacher(presence.key)
+        live = self.sessions.get(session)
+        if presence.present:
+            self._present.add((session, teacher))
+            if live is not None and teacher in live.known and teacher not in live.session.teachers:
+                self.happen(live, TeacherJoined(teacher))
+                log.info("session %s: teacher %s is back", session, teacher)
+            return
+        self._present.discard((session, teacher))
+        if live is not None and teacher in live.session.teachers:
+            self.happen(live, TeacherLeft(teacher))
+            log.info("session %s: teacher %s is gone", session, teacher)
+
+    def _mark_gone(self, _argument: None) -> None:
+        """After a restart, let those go whose tokens did not come back."""
+        for live in self.sessions.values():
+            for teacher in sorted(live.session.teachers):
+                if (live.name, teacher) not in self._present and live.session.phase is not Phase.FINISHED:
+                    self.happen(live, TeacherLeft(teacher))
+                    log.info("session %s: teacher %s did not come back", live.name, teacher)
+
+    # ------------------------------------------------------------ durability
+
+    def reply_durably(self, request: Request, reply: Wire) -> None:
+        """Reply after the next commit, and only if it succeeds."""
+        self._unsent.append((request, encode(reply)))
+
+    def _overdue(self) -> bool:
+        since_ns = self._uncommitted_since_ns
+        return since_ns is not None and self.at_ns() - since_ns >= self.config.commit_every_ms * 1_000_000
+
+    def _commit(self) -> None:
+        """Make the group durable, then send what waited for it; a failing journal refuses and tries again."""
+        unsent, self._unsent = self._unsent, []
+        try:
+            self.shard.commit()
+        except JournalError as error:
+            self._journal_failed(error, unsent)
+            return
+        self._uncommitted_since_ns = None
+        for request, payload in unsent:
+            request.reply(payload)
+        if self._failing:
+            log.warning("the journal can be written again: teaching goes on")
+            self._failing = False
+            held, self._held = self._held, []
+            for item in held:
+                self._handle(item)
+
+    def _journal_failed(self, error: JournalError, unsent: list[tuple[Request, bytes]]) -> None:
+        if not self._failing:
+            log.error("nothing is acknowledged until the journal can be written: %s", error)
+        self._failing = True
+        refusal = encode(Refusal(code="not-durable", reason=f"not saved: {error}"[:512]))
+        for request, _ in unsent:
+            request.reply_error(refusal)
+        self.call_later(COMMIT_RETRY_MS, self._retry_commit, None)
+
+    def _retry_commit(self, _argument: None) -> None:
+        self._commit()
+
+
+def run(config: LearnerConfig, bus: Bus, clock: Clock, ready: Callable[[], None], stop: threading.Event) -> None:
+    """Open the journal, take up every session and serve until `stop` is set."""
+    with Shard.open(config.data_dir, config.shard) as shard:
+        learner = Learner(config, bus, shard, clock)
+        learner.open()
+        ready()
+        learner.run(stop)
