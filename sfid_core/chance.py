@@ -1,7 +1,8 @@
 """Chance as a function: every draw is named by a key and a counter, never by the order of calls.
 
-The generator is SplitMix64 (Steele, Lea & Flood 2014) read at position `counter` of the stream `key`. A draw for one
-decision is therefore the same in a live session, in its replay and in a batch run, whatever else was drawn before it.
+The generator is SplitMix64 (Steele, Lea & Flood 2014) read at position `counter` of the stream `key`. A draw
+for one decision is therefore the same in a live session, in its replay and in a batch run, whatever else was
+drawn before it.
 """
 
 from hashlib import blake2b
@@ -32,7 +33,8 @@ def draw(key: int, counter: int) -> int:
 def below(key: int, counter: int, n: int) -> int:
     """Return a uniform int in [0, n), for n from 1 to 2**32.
 
-    The upper 32 bits are scaled by a multiplication; the bias is below n / 2**32, far under what an experiment sees.
+    The upper 32 bits are scaled by a multiplication; the bias is below n / 2**32, far under what an
+    experiment sees.
     """
     return ((draw(key, counter) >> 32) * n) >> 32
 

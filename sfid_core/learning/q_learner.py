@@ -10,7 +10,7 @@ from sfid_core.teaching.answers import Answer, AnswerKind
 
 
 class QLearner:
-    """Greedy tabular Q-learning from the environment's reward alone (Watkins & Dayan 1992; paper Eq. 1 and 2)."""
+    """Greedy tabular Q-learning from the environment's reward (Watkins & Dayan 1992; paper Eq. 1 and 2)."""
 
     asks: AnswerKind | None = None
 

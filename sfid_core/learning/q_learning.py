@@ -18,14 +18,15 @@ class TDErrors(NamedTuple):
 def greedy(values: Sequence[float], key: int, counter: int) -> int:
     """Return the index of the largest value, ties drawn uniformly at position `counter` of the stream `key`.
 
-    Source: Raza, Johnston & Williams 2016, Algorithms 1 and 2 (with Q = 0 at first, a new state gives a random action).
+    Source: Raza, Johnston & Williams 2016, Algorithms 1 and 2 (with Q = 0 at first, a new state gives a
+    random action).
     """
     best = max(values)
     ties = [action for action, value in enumerate(values) if value == best]
     return ties[0] if len(ties) == 1 else ties[below(key, counter, len(ties))]
 
 
-def update(  # noqa: PLR0913 - the terms of the equation
+def update(
     row: list[float], action: int, reward: float, h: float, next_max: float, alpha: float, gamma: float
 ) -> TDErrors:
     """Move Q(s, a) by alpha times the shaped TD error, in place.

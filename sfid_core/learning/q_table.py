@@ -9,7 +9,8 @@ class QTable:
     """Action values Q(s, a), zero until learnt, one row of float64 for each state that was learnt about.
 
     Args: actions: number of actions, 1 or more.
-    A row comes into being at its first update, never by being looked at, so that the digest depends on learning alone.
+    A row comes into being at its first update, never by being looked at, so that the digest depends on
+    learning alone.
     """
 
     __slots__ = ("_rows", "_zero", "actions")
@@ -39,7 +40,7 @@ class QTable:
         return len(self._rows)
 
     def sha256(self) -> str:
-        """Return the hex SHA-256 over all rows by ascending state key: key bytes, then the values as float64 little-endian."""
+        """Return the hex SHA-256 over all rows by ascending state key: key, then float64 little-endian."""
         pack = struct.Struct(f"<{self.actions}d").pack
         digest = sha256()
         for state in sorted(self._rows):

@@ -9,14 +9,14 @@ from sfid_core.teaching.merge import merge_labels
 
 
 def omega(label: int | None, action: int) -> float:
-    """Return +1 where the label names the agent's action, -1 where it names another, 0 for silence (paper, Omega)."""
+    """Return the paper's Omega: +1 where the label names the action, -1 where another, 0 for silence."""
     if label is None:
         return 0.0
     return 1.0 if label == action else -1.0
 
 
 class SfID(QLearner):
-    """Ask for the teacher's action in the frozen state before acting, act as chosen regardless, learn from r + Omega."""
+    """Ask for the teacher's action in the frozen state, act as chosen regardless, learn from r + Omega."""
 
     asks = AnswerKind.LABEL
 

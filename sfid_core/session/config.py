@@ -27,7 +27,7 @@ class Window:
 
     mode: WindowMode = WindowMode.EARLY
     span_ms: int = 2_000
-    """Span in ms, 1 to 3,600,000. The paper lets the teacher set it and states no value: 2 s is our choice."""
+    """Span in ms, 1 to 3,600,000. The paper lets the teacher set it and states no value; 2 s is ours."""
     quorum: int = 0
     """Number of answers that close the window; 0 means every teacher who is present (at least one)."""
 
@@ -50,7 +50,7 @@ class WorldSpec:
     """The level in XSB."""
     level_name: str = "level"
     starts: str = "4"
-    """Start distribution: "1" the level's own start, "N" that and N-1 drawn ones, "all" every solvable one."""
+    """Start distribution: "1" the level's own start, "N" that and N-1 drawn ones, "all" all solvable ones."""
     goal_reward: float = 10.0
     step_reward: float = 0.0
     deadlock_reward: float = -10.0

@@ -7,7 +7,7 @@ from sfid_core.session.measures import EpisodeMeasures, StepMeasures
 
 
 class AnswerCode(Enum):
-    """What became of an answer, as its teacher is told; all but REJECTED and CONFLICT mean that it is saved."""
+    """What became of an answer, as told to its teacher; all but REJECTED and CONFLICT mean: saved."""
 
     ACCEPTED = "accepted"
     """In time: it counts, unless the same teacher answers again before the window closes."""

@@ -17,7 +17,7 @@ class Outcome(Enum):
 
     @property
     def terminal(self) -> bool:
-        """Whether the state has no future; a capped episode is cut off, and the learner bootstraps from it."""
+        """Whether the state has no future; an episode at the cap does not end, it is cut off: bootstrap."""
         return self in (Outcome.SOLVED, Outcome.DEADLOCK)
 
 
@@ -106,7 +106,7 @@ class Stopped:
 
 @dataclass(frozen=True, slots=True)
 class Restarted:
-    """A learner process took the session up (at its creation, too); windows open anew, for clocks do not survive a process."""
+    """A learner process took the session up, at its creation too; windows open anew, as clocks do not survive."""
 
     epoch: int
 

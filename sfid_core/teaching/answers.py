@@ -25,8 +25,9 @@ class AnswerKind(Enum):
 class Answer:
     """One teacher's answer to one decision.
 
-    `action` is an index into the session's actions (labels, mistake marks), `reward` lies in [-1, 1], `guidance` holds
-    action indexes, `steps` the first and last step of a mistake, `posterior` a probability for each action.
+    `action` is an index into the session's actions (labels, mistake marks), `reward` lies in [-1, 1],
+    `guidance` holds action indexes, `steps` the first and last step of a mistake, `posterior` a probability
+    for each action.
     """
 
     kind: AnswerKind

@@ -7,7 +7,7 @@ from sfid_core.teaching.answers import Answer, AnswerKind
 
 
 def merge_labels(answers: Iterable[Answer]) -> int | None:
-    """Return the action that most teachers named, or None when nobody named one or the first place is shared."""
+    """Return the action that most teachers named, or None when nobody named one or there is a tie."""
     votes = Counter(answer.action for answer in answers if answer.kind is AnswerKind.LABEL)
     ranked = votes.most_common(2)
     if not ranked or (len(ranked) == 2 and ranked[0][1] == ranked[1][1]):
@@ -20,7 +20,8 @@ def merge_rewards(answers: Iterable[Answer]) -> float | None:
 
     A reward of exactly 0 is a vote for neither side. One teacher alone is therefore taken at their word.
     """
-    rewards = [answer.reward for answer in answers if answer.kind is AnswerKind.REWARD and answer.reward is not None]
+    given = [answer.reward for answer in answers if answer.kind is AnswerKind.REWARD]
+    rewards = [reward for reward in given if reward is not None]
     praise = [reward for reward in rewards if reward > 0]
     blame = [reward for reward in rewards if reward < 0]
     if len(praise) == len(blame):

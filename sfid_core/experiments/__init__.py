@@ -1,0 +1,1 @@
+"""Experiments without a wire: batch runs, conditions and statistics."""
