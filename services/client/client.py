@@ -1,0 +1,385 @@
+"""One teacher of one session: joins, hands out what happens, carries answers and wishes to the learner."""
+
+import secrets
+from collections import deque
+from collections.abc import Callable, Mapping
+from functools import partial
+from queue import Empty, SimpleQueue
+from types import TracebackType
+from typing import Any, Literal, Self, cast
+
+from protocol.codec import DecodeError, decode, encode
+from protocol.keys import Keys, checked
+from protocol.messages import (
+    Answer,
+    Asked,
+    Control,
+    Decision,
+    Done,
+    Episode,
+    Join,
+    Refusal,
+    Step,
+    Welcome,
+    WindowSpec,
+)
+from services.client.delivery import FAR_NS, Delivery, HandleReply
+from services.client.updates import (
+    AnswerState,
+    AnswerUpdate,
+    Connection,
+    Controlled,
+    EpisodeOver,
+    Learnt,
+    Opened,
+    Refused,
+    Update,
+    Welcomed,
+)
+from services.outbox import Outbox
+from services.runtime.bus import Bus, Received, Reply
+from services.runtime.clock import Clock
+
+ASK_TIMEOUT_MS = 500
+"""A learner acknowledges after one sync of its disk, some ms. What takes longer is as good as lost."""
+JOIN_RETRY_MS = 500
+QUIET_MS = 5000
+"""A topic may lose messages in silence. After so long without one the client joins again: the Welcome says
+how the session stands."""
+INBOX_MAX = 4096
+"""Messages that wait for `next`; a slower caller loses some, and gets the newest state by joining again."""
+
+_FINAL = frozenset({"denied", "invalid", "malformed", "conflict"})
+_NOBODY = (-1, -1)
+_chance = secrets.SystemRandom().random
+
+
+class Client:
+    """A context manager. `answer` and `control` may be called on any thread, `next` on one at a time."""
+
+    def __init__(
+        self,
+        bus: Bus,
+        keys: Keys,
+        session: str,
+        teacher: str,
+        *,
+        outbox: Outbox,
+        clock: Clock,
+        token: str | None = None,
+    ) -> None:
+        self.session = checked(session, "session")
+        self.teacher = checked(teacher, "teacher")
+        self.dropped = 0
+        """Messages lost because `next` was not called for too long."""
+        self._unreadable = 0
+        self._bus, self._keys, self._clock, self._token = bus, keys, clock, token
+        answer_key = keys.answer(self.session, self.teacher)
+        self._delivery = Delivery(
+            partial(self._ask, answer_key), self._on_answer_update, self._on_denied, outbox, clock
+        )
+        self._inbox: SimpleQueue[tuple[Callable[[Any], None], Any]] = SimpleQueue()
+        self._updates: deque[Update] = deque()
+        self._newest = _NOBODY
+        self._current: Opened | None = None
+        self._shown = (_NOBODY, 0)
+        self._answered: tuple[bytes, int, int] | None = None
+        self._epoch: int | None = None
+        self._connected: bool | None = None
+        self._join_due_ns: int | None = None
+        self._join_attempts = 0
+        self._heard_ns = 0
+        self._missed = False
+        self._closed = False
+        self._withdraw: Callable[[], None] | None = None
+
+    def __enter__(self) -> Self:
+        bus, keys = self._bus, self._keys
+        self._delivery.load(self.session, self.teacher)
+        bus.subscribe(keys.decision(self.session), partial(self._receive, self._on_decision))
+        bus.subscribe(keys.measures(self.session), partial(self._receive, self._on_measures))
+        self._withdraw = bus.announce(keys.present(self.session, self.teacher))
+        bus.on_connection(lambda connected: self._inbox.put((self._on_connection, connected)))
+        self._ask_to_join()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the session and end a waiting `next`; twice is once.
+
+        Answers that are not acknowledged stay in the outbox, and the bus stays open.
+        """
+        if not self._closed:
+            self._closed = True
+            if self._withdraw is not None:
+                self._withdraw()
+            self._inbox.put((_nothing, None))
+
+    @property
+    def unacknowledged(self) -> int:
+        """How many answers the learner has not acknowledged yet."""
+        return len(self._delivery)
+
+    @property
+    def unreadable(self) -> int:
+        """How many messages and replies were not what the protocol says."""
+        return self._unreadable + self._delivery.unreadable
+
+    def next(self, timeout_s: float) -> Update | None:
+        """Return what happened next; None after close(), or when nothing did for `timeout_s` (0: no wait)."""
+        deadline_ns = self._clock.now_ns() + int(timeout_s * 1e9)
+        while not self._updates and not self._closed:
+            now_ns = self._clock.now_ns()
+            due_ns = self._repeat(now_ns)
+            wait_s = max(0, min(due_ns, deadline_ns) - now_ns) / 1e9
+            try:
+                handle, argument = self._inbox.get(timeout=wait_s) if wait_s else self._inbox.get_nowait()
+            except Empty:
+                if deadline_ns <= due_ns and not self._updates:
+                    return None
+            else:
+                handle(argument)
+        return self._updates.popleft() if not self._closed else None
+
+    def answer(
+        self,
+        decision: Decision,
+        *,
+        kind: Asked | Literal["abstain"] | None = None,
+        action: str | None = None,
+        reward: float | None = None,
+        guidance: tuple[str, ...] = (),
+        posterior: Mapping[str, float] | None = None,
+    ) -> bytes:
+        """Store an answer, send it until it is acknowledged, and return its id at once.
+
+        Args: kind: what is said; None is what the decision asks for.  action: a label, one of
+        `decision.actions`.  reward: in [-1, 1].
+        Raises: ValueError when the answer does not fit the decision, OutboxError when it cannot be kept.
+        """
+        answer_id = secrets.token_bytes(16)
+        kind = kind or decision.asked
+        _check_fits(decision, kind, action, reward)
+        message = Answer(
+            answer_id=answer_id,
+            session=self.session,
+            teacher=self.teacher,
+            epoch=decision.epoch,
+            decision=decision.decision,
+            episode=decision.episode,
+            step=decision.step,
+            state=decision.state,
+            kind=kind,
+            action=action,
+            reward=reward,
+            guidance=guidance,
+            posterior=None if posterior is None else dict(posterior),
+            response_ms=self._response_ms(decision),
+            token=self._token,
+        )
+        self._answered = (answer_id, decision.epoch, decision.decision)
+        # In this order: a bus in the same thread may bring the acknowledgement before `send` returns.
+        self._inbox.put((self._updates.append, AnswerUpdate(answer_id, AnswerState.SENDING)))
+        self._delivery.send(answer_id, encode(message))
+        return answer_id
+
+    def has_answered(self, decision: Decision) -> bool:
+        """Tell whether the last answer was to this decision and has not been rejected, whatever the epoch."""
+        return self._answered is not None and self._answered[2] == decision.decision
+
+    def control(
+        self, verb: Literal["window", "pause", "resume", "stop"], window: WindowSpec | None = None
+    ) -> None:
+        """Ask the learner to change the window, pause, resume or stop; a Controlled tells what came of it."""
+        message = Control(
+            session=self.session, teacher=self.teacher, verb=verb, window=window, token=self._token
+        )
+        key = self._keys.control(self.session, self.teacher)
+        self._ask(key, encode(message), partial(self._on_control_reply, verb))
+
+    def drain(self, timeout_s: float) -> int:
+        """Wait until every answer is acknowledged, `timeout_s` at most; returns how many are not.
+
+        Every other update of that time is dropped.
+        """
+        deadline_ns = self._clock.now_ns() + int(timeout_s * 1e9)
+        while self.unacknowledged and (left_ns := deadline_ns - self._clock.now_ns()) > 0:
+            self.next(left_ns / 1e9)
+        return self.unacknowledged
+
+    # ---------------------------------------------------------------- on threads of the bus: only enqueue
+
+    def _receive(self, handle: Callable[[Any], None], received: Received) -> None:
+        if self._inbox.qsize() < INBOX_MAX:
+            self._inbox.put((handle, (received.payload, self._clock.now_ns())))
+        elif not self._closed:
+            self.dropped += 1
+            self._missed = True
+
+    def _ask(self, key: str, payload: bytes, handle: HandleReply) -> None:
+        # Replies are not bounded by INBOX_MAX: there is one for each open request, and none may be lost.
+        self._bus.ask(key, payload, lambda reply: self._inbox.put((handle, reply)), ASK_TIMEOUT_MS)
+
+    # ---------------------------------------------------------------- decisions and measures
+
+    def _on_decision(self, received: tuple[bytes, int]) -> None:
+        payload, self._heard_ns = received
+        try:
+            self._take(decode(payload, Decision), self._heard_ns)
+        except DecodeError:
+            self._unreadable += 1
+
+    def _take(self, decision: Decision, received_ns: int) -> None:
+        position = (decision.epoch, decision.sequence)
+        if position <= self._newest:
+            return
+        self._newest = position
+        self._current = Opened(decision, received_ns)
+        self._updates.append(self._current)
+        number = (decision.epoch, decision.decision)
+        if decision.phase == "asking" and number != self._shown[0]:
+            self._shown = (number, self._clock.now_ns())
+        if self._epoch is not None and decision.epoch > self._epoch:
+            self._join_afresh()
+
+    def _response_ms(self, decision: Decision) -> int | None:
+        number, shown_ns = self._shown
+        if number != (decision.epoch, decision.decision):
+            return None
+        return (self._clock.now_ns() - shown_ns) // 1_000_000
+
+    def _on_measures(self, received: tuple[bytes, int]) -> None:
+        payload, self._heard_ns = received
+        try:
+            message = decode(payload, cast("type[Step]", Step | Episode))
+        except DecodeError:
+            self._unreadable += 1
+        else:
+            self._updates.append(_measured(message))
+
+    # ---------------------------------------------------------------- joining
+
+    def _on_connection(self, connected: bool) -> None:  # noqa: FBT001 - the bus calls it with one argument
+        before, self._connected = self._connected, connected
+        if connected == before:
+            return
+        detail = "connected to the router" if connected else "the router is gone, trying to reach it again"
+        self._updates.append(Connection(connected, detail))
+        if connected and before is False:
+            self._ask_to_join()
+
+    def _join_afresh(self) -> None:
+        self._epoch = None
+        self._ask_to_join()
+
+    def _on_denied(self) -> None:
+        if self._epoch is not None:
+            self._join_afresh()
+
+    def _ask_to_join(self) -> None:
+        self._join_due_ns = None
+        self._join_attempts += 1
+        self._heard_ns = self._clock.now_ns()
+        message = Join(
+            session=self.session, teacher=self.teacher, client="services.client", token=self._token
+        )
+        self._ask(self._keys.join(self.session, self.teacher), encode(message), self._on_join_reply)
+
+    def _on_join_reply(self, reply: Reply | None) -> None:
+        if reply is None:
+            asked = f"asked {self._join_attempts} times" if self._join_attempts > 1 else "asked once"
+            detail = f"no learner answers for session {self.session!r} yet ({asked}); start it or wait"
+            self._updates.append(Connection(connected=False, detail=detail))
+            self._join_soon()
+            return
+        try:
+            if reply.ok:
+                self._on_welcome(decode(reply.payload, Welcome))
+            else:
+                self._on_refusal(decode(reply.payload, Refusal))
+        except DecodeError as error:
+            self._unreadable += 1
+            detail = f"the learner's reply could not be read ({error}); use one version of both"
+            self._updates.append(Connection(connected=False, detail=detail))
+            self._join_soon()
+
+    def _on_refusal(self, refusal: Refusal) -> None:
+        final = refusal.code in _FINAL
+        self._updates.append(Refused(refusal.code, refusal.reason, final))
+        if not final:
+            self._join_soon()
+
+    def _join_soon(self) -> None:
+        self._join_due_ns = self._clock.now_ns() + int(JOIN_RETRY_MS * (0.5 + _chance()) * 1_000_000)
+
+    def _on_welcome(self, welcome: Welcome) -> None:
+        self._join_attempts = 0
+        if welcome.epoch < self._newest[0]:
+            # Another journal: the session was created anew, and what was seen before is of another world.
+            self._newest, self._shown, self._answered = _NOBODY, (_NOBODY, 0), None
+        self._epoch = welcome.epoch
+        self._updates.append(Welcomed(welcome))
+        self._take(welcome.decision, self._clock.now_ns())
+        self._delivery.hurry()
+
+    # ---------------------------------------------------------------- answers, wishes, repetitions
+
+    def _on_answer_update(self, update: AnswerUpdate) -> None:
+        self._updates.append(update)
+        if update.state is AnswerState.REJECTED and self._answered and update.answer_id == self._answered[0]:
+            _, epoch, number = self._answered
+            self._answered = None
+            current = self._current
+            if current and current.decision.epoch > epoch and current.decision.decision == number:
+                # Given to the learner's former life and not known in this one: the decision is open again.
+                self._updates.append(current)
+
+    def _on_control_reply(self, verb: str, reply: Reply | None) -> None:
+        if reply is None:
+            self._updates.append(Controlled(verb, ok=False, reason="the learner did not answer, try again"))
+            return
+        try:
+            done = decode(reply.payload, Done) if reply.ok else decode(reply.payload, Refusal)
+        except DecodeError:
+            self._unreadable += 1
+            self._updates.append(Controlled(verb, ok=False, reason="the learner's reply could not be read"))
+        else:
+            self._updates.append(Controlled(verb, isinstance(done, Done) and done.ok, done.reason))
+
+    def _repeat(self, now_ns: int) -> int:
+        """Repeat what is due and return when something will be due next."""
+        finished = self._current is not None and self._current.decision.phase == "finished"
+        if self._missed and self._inbox.empty():
+            self._missed = False
+            self._ask_to_join()
+        if self._join_due_ns is None and not finished and now_ns - self._heard_ns >= QUIET_MS * 1_000_000:
+            self._join_due_ns = now_ns
+        if self._join_due_ns is not None and self._join_due_ns <= now_ns:
+            self._ask_to_join()
+        due_ns = self._join_due_ns
+        if due_ns is None:
+            due_ns = FAR_NS if finished else self._heard_ns + QUIET_MS * 1_000_000
+        return min(due_ns, self._delivery.repeat(now_ns))
+
+
+def _check_fits(decision: Decision, kind: str, action: str | None, reward: float | None) -> None:
+    if action is not None and action not in decision.actions:
+        raise ValueError(f"action {action!r} is not one of {', '.join(decision.actions)}")
+    if kind == "label" and action is None:
+        raise ValueError(f"a label needs an action, one of {', '.join(decision.actions)}")
+    if kind == "reward" and (reward is None or not -1.0 <= reward <= 1.0):
+        raise ValueError(f"reward = {reward}: give a number from -1 to 1")
+    if kind == "nothing":
+        raise ValueError("this decision asks for nothing: watch it, or abstain")
+
+
+def _measured(message: Step | Episode) -> Learnt | EpisodeOver:
+    return Learnt(message) if isinstance(message, Step) else EpisodeOver(message)
+
+
+def _nothing(_argument: object) -> None:
+    """Do nothing: wakes a waiting `next`."""

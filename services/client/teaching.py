@@ -1,0 +1,80 @@
+"""A loop over decisions, for scripts of a few lines."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from protocol.keys import Keys
+from protocol.messages import Decision
+from services.client.client import Client
+from services.client.updates import Opened, Refused
+from services.outbox import Outbox
+from services.runtime.clock import SystemClock
+from services.runtime.zenoh_bus import open_bus
+
+CONNECT_MS = 5000
+DRAIN_S = 2.0
+
+
+class TeachingError(Exception):
+    """The learner does not let the teacher join; the message is one line."""
+
+
+class Teaching:
+    """The decisions of a session one after another, and the answers to them."""
+
+    def __init__(self, client: Client) -> None:
+        self.client = client
+
+    def decisions(self) -> Iterator[Decision]:
+        """Yield each decision that asks for an answer once, and end when the session is finished.
+
+        Raises TeachingError when the teacher may not join; waits for a learner that is not there yet.
+        """
+        last: tuple[int, int] | None = None
+        while True:
+            update = self.client.next(1.0)
+            if isinstance(update, Refused) and update.final:
+                raise TeachingError(f"session {self.client.session!r}: {update.reason} ({update.code})")
+            if not isinstance(update, Opened):
+                continue
+            decision = update.decision
+            if decision.phase == "finished":
+                return
+            number = (decision.epoch, decision.decision)
+            if decision.phase == "asking" and number != last and not self.client.has_answered(decision):
+                last = number
+                yield decision
+
+    def answer(self, decision: Decision, *, action: str | None = None, reward: float | None = None) -> bytes:
+        """Say which action you would take, or praise or blame; with neither, that you have nothing to say."""
+        if action is None and reward is None:
+            return self.client.answer(decision, kind="abstain")
+        return self.client.answer(decision, action=action, reward=reward)
+
+
+@contextmanager
+def join(
+    endpoint: str,
+    session: str,
+    teacher: str,
+    *,
+    token: str | None = None,
+    outbox: Path | None = None,
+    deployment: str = "local",
+) -> Iterator[Teaching]:
+    """Teach a session over the router at `endpoint`; the end waits up to 2 s for the last acknowledgements.
+
+    Args: outbox: a file that keeps answers until they are acknowledged, in memory when None.
+    Raises: BusError when no router answers, KeyNameError for a bad name, OutboxError.
+    """
+    with Outbox(outbox) as kept:
+        bus = open_bus(endpoint, CONNECT_MS)
+        try:
+            with Client(
+                bus, Keys(deployment), session, teacher, outbox=kept, clock=SystemClock(), token=token
+            ) as client:
+                yield Teaching(client)
+                client.drain(DRAIN_S)
+        finally:
+            bus.close()
