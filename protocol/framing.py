@@ -1,8 +1,8 @@
 """Frames of the journal's mirror log: magic, length, CRC-32, payload; and the rule for a torn tail.
 
-A frame is 4 bytes of magic, the payload's length (uint32, little endian), the CRC-32 of those eight bytes and the
-payload (uint32, little endian), and the payload. The magic lets a reader find the next frame after a damaged one; the
-CRC covers the length, so that a zeroed block is not a run of empty frames.
+A frame is 4 bytes of magic, the payload's length (uint32, little endian), the CRC-32 of that length and the
+payload (uint32, little endian), and the payload. The magic lets a reader find the next frame after a damaged
+one; the CRC covers the length, so that no frame passes with another length than it was written with.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple, Protocol
 
 MAGIC = b"SfJ\xf1"
 HEADER_BYTES = 12
-# The writer holds back at most half of this (see the journal's limit of pending bytes), so a longer length is damage.
+# A writer commits long before this much is pending (the journal's own limit is half), so more is damage.
 PAYLOAD_BYTES_MAX = 64 * 2**20
 
 _LENGTH = struct.Struct("<I")
@@ -38,7 +38,7 @@ class Frame(NamedTuple):
 
 
 def frame(payload: bytes) -> bytes:
-    """Return the bytes of one frame around a payload of at most `PAYLOAD_BYTES_MAX` bytes, else ValueError."""
+    """Return the bytes of one frame; ValueError when the payload exceeds `PAYLOAD_BYTES_MAX`."""
     if len(payload) > PAYLOAD_BYTES_MAX:
         message = f"a frame holds at most {PAYLOAD_BYTES_MAX} bytes, not {len(payload)}"
         raise ValueError(message)
@@ -82,10 +82,10 @@ def whole_frames_within(rest: bytes, start: int = 0) -> Iterator[Frame]:
 
 
 def is_torn_tail(rest: bytes) -> bool:
-    """Tell whether the bytes after the last whole frame are one unfinished write rather than damage before the end.
+    """Tell whether the bytes after the last whole frame are an unfinished write rather than damage.
 
-    The writer syncs each frame before it writes the next, so an unfinished write is followed by nothing: a whole frame
-    anywhere behind the break proves that bytes which were once synced have changed.
+    The writer syncs each frame before it writes the next, so an unfinished write is followed by nothing: a
+    whole frame anywhere behind the break proves that bytes which were once synced have changed.
     """
     return next(whole_frames_within(rest), None) is None
 

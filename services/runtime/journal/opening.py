@@ -1,0 +1,94 @@
+"""A shard's files brought into one sound state under its lock, and taken over by a new epoch."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+from services.runtime.journal.audit import Audit, audit
+from services.runtime.journal.errors import JournalDamaged, JournalError, translated
+from services.runtime.journal.lock import read_epoch, write_epoch
+from services.runtime.journal.mirror import MIRROR_NAME, SHARD_ID_BYTES, Mirror, create_mirror, sync_directory
+from services.runtime.journal.salvage import rebuild
+from services.runtime.journal.store import SQLITE_NAME, Head, Store, create_store
+
+
+class Opened(NamedTuple):
+    """Both files open for writing, equal, and owned by `head.epoch`.
+
+    Attributes:
+        notes: what had to be mended, one line each.
+    """
+
+    store: Store
+    mirror: Mirror
+    head: Head
+    notes: tuple[str, ...]
+
+
+def open_files(directory: Path) -> Opened:
+    """Create, repair or simply open the files of a shard whose lock is held.
+
+    Raises:
+        JournalNewer, JournalDamaged, JournalFull, JournalError: as for `Shard.open`.
+    """
+    notes, found = _recovered(directory)
+    store = Store(directory)
+    try:
+        head = store.take_over(_epoch_or_zero(directory) + 1)
+        if found.head is None or (head.seq, head.chain) != (found.head.seq, found.head.chain):
+            # An older owner, cut off only now, committed while the files were read.
+            found = _sound(directory)
+        if found.ahead:
+            store.advance(head.epoch, found.ahead)
+            store.commit()
+            notes = (*notes, f"{store.path}: {len(found.ahead)} rows completed from the mirror")
+        mirror = Mirror(directory, found.mirror_end)
+        mirror.cut()
+        if found.torn_bytes:
+            notes = (*notes, f"{mirror.path}: {found.torn_bytes} bytes of an unfinished write cut")
+        write_epoch(directory, head.epoch)
+    except BaseException:
+        store.close()
+        raise
+    return Opened(store, mirror, head._replace(seq=found.seq, chain=found.chain), notes)
+
+
+def _recovered(directory: Path) -> tuple[tuple[str, ...], Audit]:
+    if not any((directory / name).exists() for name in (SQLITE_NAME, MIRROR_NAME)):
+        _create(directory)
+    found = audit(directory, live=False)
+    if not found.problems:
+        return (), found
+    rebuilt = rebuild(directory)
+    return (*found.problems, *rebuilt), _sound(directory)
+
+
+def _sound(directory: Path) -> Audit:
+    found = audit(directory, live=False)
+    if found.problems:
+        message = f"{found.problems[0]}; the repair did not hold, check the disk"
+        raise JournalError(message)
+    return found
+
+
+def _create(directory: Path) -> None:
+    # An epoch was given out, so there were rows to lose.
+    if _epoch_or_zero(directory):
+        message = f"{directory}: both journal files are missing; restore a backup or remove the directory"
+        raise JournalDamaged(message, missing=1)
+    shard_id = os.urandom(SHARD_ID_BYTES)
+    create_mirror(directory / MIRROR_NAME, shard_id, ())
+    create_store(directory / SQLITE_NAME, shard_id, 0, ())
+    with translated(directory):
+        sync_directory(directory)
+        sync_directory(directory.parent)
+
+
+def _epoch_or_zero(directory: Path) -> int:
+    try:
+        return read_epoch(directory) or 0
+    except JournalError:
+        # Damaged; SQLite holds the epoch too, and the higher of the two is raised.
+        return 0
