@@ -14,11 +14,12 @@ from dataclasses import dataclass
 from protocol.codec import DecodeError, decode, encode
 from protocol.keys import Keys
 from protocol.messages import Begin, Begun, ExecuteAction, Executed, Refusal, Wire
+from protocol.messages import World as WorldSpec
 from services.runtime.bus import Bus, Request
 from sfid_core.sokoban.actions import Action
 from sfid_core.sokoban.board import Board
 from sfid_core.sokoban.levels import LevelError
-from sfid_core.sokoban.world import World, WorldError, make_world
+from sfid_core.sokoban.world import World, WorldConfig, WorldError, make_world
 
 log = logging.getLogger("sfid.environment")
 
@@ -97,7 +98,7 @@ class Environment:
         key = encode(Begin(session="any", epoch=0, episode=0, seed=request.seed, world=request.world))
         world = self._worlds.pop(key, None)
         if world is None:
-            world = make_world(request.world.level, _rules(request), request.seed)
+            world = make_world(request.world.level, _rules(request.world), request.world.starts, request.seed)
         self._worlds[key] = world
         if len(self._worlds) > WORLDS_MAX:
             del self._worlds[next(iter(self._worlds))]
@@ -126,6 +127,10 @@ class Environment:
         )
         running.decision, running.action, running.answered = request.decision, request.action, encode(reply)
         return reply
+
+
+def _rules(spec: WorldSpec) -> WorldConfig:
+    return WorldConfig(spec.goal_reward, spec.step_reward, spec.deadlock_reward, spec.steps_max)
 
 
 def _stale(epoch: int, newest: int) -> Refusal:

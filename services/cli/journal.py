@@ -1,0 +1,66 @@
+"""`sfid replay` and `sfid verify`: what a journal tells, and whether it is whole."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from protocol.codec import DecodeError
+from services.cli.failure import NOT_SO, CommandError
+from services.cli.options import Json, print_json
+from services.replay import Replayed, replay_directory
+from services.runtime.journal import verify as verify_journal
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the journal commands."""
+    app.command()(replay)
+    app.command()(verify)
+
+
+DirectoryArgument = Annotated[Path, typer.Argument(help="Data directory of a learner.")]
+
+
+def replay(
+    directory: DirectoryArgument,
+    session: Annotated[str | None, typer.Option(help="Only this session.")] = None,
+    verify: Annotated[bool, typer.Option("--verify", help="Exit 1 unless every noted digest is rebuilt.")] = False,
+    json: Json = False,
+) -> None:
+    """Rebuild Q from the journal alone and compare its SHA-256 with the one that was noted."""
+    try:
+        replayed = replay_directory(directory, session)
+    except DecodeError as error:
+        message = f"{directory}: a row cannot be read ({error}): `sfid verify {directory}` tells where"
+        raise CommandError(message, NOT_SO) from None
+    if not replayed:
+        what = "no session" if session is None else f"no session {session}"
+        message = f"{directory}: {what} in this journal: name the --data directory of a learner"
+        raise CommandError(message)
+    if json:
+        print_json({"sessions": [_row(one) for one in replayed]})
+    else:
+        for one in replayed:
+            verdict = {True: "matches", False: "DIFFERS", None: "no digest noted yet"}[one.matches]
+            print(f"{one.session}: {one.events} events, {one.episodes} episodes, q_sha256 {one.q_sha256}: {verdict}")
+    if verify and not all(one.matches for one in replayed):
+        raise typer.Exit(NOT_SO)
+
+
+def _row(one: Replayed) -> dict[str, object]:
+    return {"session": one.session, "q_sha256": one.q_sha256, "matches": one.matches, "events": one.events}
+
+
+def verify(directory: DirectoryArgument, json: Json = False) -> None:
+    """Check a journal: dense numbers, hash chain, mirror against database, unique answers."""
+    found = verify_journal(directory)
+    if json:
+        print_json(
+            {"ok": found.ok, "sessions": found.sessions, "labels": found.labels, "problems": list(found.problems)}
+        )
+    else:
+        print(f"{'ok' if found.ok else 'NOT OK'}: {found.sessions} sessions, {found.labels} labels, {found.rows} rows")
+        for problem in found.problems:
+            print(f"  {problem}")
+    if not found.ok:
+        raise typer.Exit(NOT_SO)

@@ -1,0 +1,60 @@
+"""`sfid`: assembles the commands and turns every failure into one line and an exit code."""
+
+import sys
+
+import typer
+from typer.exceptions import TyperException
+
+from services.cli import demo, journal, levels, serve, session, teach, up
+from services.cli.failure import BAD_USAGE, CommandError
+from services.client import TeachingError
+from services.router import RouterError
+from services.runtime.bus import BusError
+from services.runtime.journal import JournalError
+from services.supervisor import SupervisorError
+from sfid_core.learning.method import ParameterError
+from sfid_core.sokoban.levels import LevelError
+from sfid_core.sokoban.starts import WorldError
+
+INTERRUPTED = 130
+
+app = typer.Typer(
+    name="sfid",
+    help="Teach a reinforcement-learning agent live: say which action you would take, and agreement becomes its reward.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+for group in (demo, up, serve, teach, session, journal, levels):
+    group.add_to(app)
+
+
+def main() -> None:
+    """Run one command; exit 0 ok, 1 not so, 2 bad usage or configuration."""
+    try:
+        code = app(standalone_mode=False)
+    except CommandError as error:
+        _fail(str(error), error.exit_code)
+    except SupervisorError as error:
+        _fail(str(error), error.exit_code)
+    except (BusError, JournalError, RouterError, ParameterError, LevelError, WorldError, TeachingError) as error:
+        _fail(str(error), BAD_USAGE)
+    except TyperException as error:
+        said = getattr(error, "format_message", lambda: str(error))()
+        _fail(f"{said.rstrip('.')}: `sfid --help` and `sfid COMMAND --help` show what there is", BAD_USAGE)
+    except (KeyboardInterrupt, typer.Abort):
+        sys.exit(INTERRUPTED)
+    except BrokenPipeError:
+        sys.exit(0)
+    sys.exit(code or 0)
+
+
+def _fail(message: str, code: int) -> None:
+    sys.stdout.flush()
+    print(f"sfid: {message}", file=sys.stderr, flush=True)
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,36 @@
+"""Options that several commands share, with their help."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from services.runtime.zenoh_config import DEFAULT_ENDPOINT
+
+Connect = Annotated[str, typer.Option(help="Endpoint of the router, tcp/HOST:PORT.", show_default=True)]
+Deployment = Annotated[str, typer.Option(help="Name of the deployment; two on one router never meet.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout (logs go to stderr).")]
+SupervisedFd = Annotated[int | None, typer.Option(hidden=True, help="The line to a supervisor.")]
+Verbose = Annotated[bool, typer.Option(help="Log more.")]
+Data = Annotated[Path, typer.Option(help="Directory of the deployment's journal, logs and recordings.")]
+Method = Annotated[str, typer.Option(help="Learning method: sfid, reward or q-learning.")]
+Level = Annotated[str, typer.Option(help="A packaged level's name, or FILE[:N]: the level N (from 0) of an XSB file.")]
+Episodes = Annotated[int, typer.Option(help="Number of episodes, 1 to 1,000,000.")]
+Starts = Annotated[
+    str, typer.Option(help='Start states: "1" the level\'s own, a number N of drawn ones, "all", or "within:STEPS".')
+]
+Seed = Annotated[int, typer.Option(help="Seed of every draw, 0 to 2^63-1.")]
+
+ENDPOINT = DEFAULT_ENDPOINT
+CONNECT_TIMEOUT_MS = 5_000
+SERVICE_CONNECT_TIMEOUT_MS = 30_000
+"""Services wait longer for their router than people do: in a container they start side by side."""
+
+
+def print_json(document: Any) -> None:  # noqa: ANN401 - any JSON value
+    """Print one document on stdout."""
+    json.dump(document, sys.stdout, ensure_ascii=False)
+    sys.stdout.write("\n")
+    sys.stdout.flush()

@@ -1,0 +1,110 @@
+"""`sfid router|environment|learner|monitor`: one service each."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from services.cli.options import (
+    ENDPOINT,
+    SERVICE_CONNECT_TIMEOUT_MS,
+    Connect,
+    Deployment,
+    SupervisedFd,
+    Verbose,
+)
+from services.runtime.process import ProcessConfig, ServiceProcess
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the service commands."""
+    app.command()(router)
+    app.command()(environment)
+    app.command()(learner)
+    app.command()(monitor)
+
+
+def router(
+    listen: Annotated[str, typer.Option(help="Endpoint to listen at, tcp/HOST:PORT.")] = ENDPOINT,
+    insecure_bind: Annotated[
+        bool, typer.Option(help="Listen where other machines reach it, although nobody is asked for a password.")
+    ] = False,
+    verbose: Verbose = False,
+    supervised_fd: SupervisedFd = None,
+) -> None:
+    """Run the router that all other processes connect to."""
+    from services.router import RouterConfig, run
+
+    process = ServiceProcess(ProcessConfig("router", supervised_fd, verbose))
+    run(RouterConfig(listen, insecure_bind), lambda: process.ready(listen), process.stop)
+
+
+def environment(
+    connect: Connect = ENDPOINT,
+    deployment: Deployment = "local",
+    verbose: Verbose = False,
+    supervised_fd: SupervisedFd = None,
+) -> None:
+    """Run the environment: it owns the worlds and executes what learners decide."""
+    from services.environment import EnvironmentConfig, run
+    from services.runtime.zenoh_bus import open_bus
+
+    process = ServiceProcess(ProcessConfig("environment", supervised_fd, verbose))
+    bus = open_bus(connect, SERVICE_CONNECT_TIMEOUT_MS)
+    try:
+        run(EnvironmentConfig(deployment), bus, process.ready, process.stop)
+    finally:
+        bus.close()
+
+
+def learner(
+    data: Annotated[Path, typer.Option(help="Directory of the journal; one learner at a time.")],
+    connect: Connect = ENDPOINT,
+    deployment: Deployment = "local",
+    shard: Annotated[int, typer.Option(help="Shard of the data directory, 0 or more.")] = 0,
+    verbose: Verbose = False,
+    supervised_fd: SupervisedFd = None,
+) -> None:
+    """Run the learner: it owns sessions and their journal, opens decisions, acknowledges answers."""
+    from services.learner.config import LearnerConfig
+    from services.learner.service import run
+    from services.runtime.clock import SystemClock
+    from services.runtime.zenoh_bus import open_bus
+
+    process = ServiceProcess(ProcessConfig("learner", supervised_fd, verbose))
+    bus = open_bus(connect, SERVICE_CONNECT_TIMEOUT_MS)
+    try:
+        run(LearnerConfig(data, deployment, shard), bus, SystemClock(), process.ready, process.stop)
+    finally:
+        bus.close()
+
+
+def monitor(
+    recordings: Annotated[Path, typer.Option(help="Directory for the .rrd recordings.")],
+    connect: Connect = ENDPOINT,
+    deployment: Deployment = "local",
+    scene_port: Annotated[int, typer.Option(help="Port of the picture's stream; 0 takes a free one.")] = 19876,
+    curves_port: Annotated[int, typer.Option(help="Port of the curves' stream; 0 takes a free one.")] = 19877,
+    web_port: Annotated[int, typer.Option(help="Port of the viewer's web page; 0 takes a free one.")] = 19090,
+    viewer: Annotated[bool, typer.Option(help="Serve viewers; otherwise only record.")] = True,
+    verbose: Verbose = False,
+    supervised_fd: SupervisedFd = None,
+) -> None:
+    """Run the monitor: it draws every session for remote viewing and keeps a recording."""
+    from services.monitor.service import MonitorConfig, run
+    from services.runtime.zenoh_bus import open_bus
+
+    process = ServiceProcess(ProcessConfig("monitor", supervised_fd, verbose))
+    bus = open_bus(connect, SERVICE_CONNECT_TIMEOUT_MS)
+    config = MonitorConfig(
+        recording_dir=recordings,
+        deployment=deployment,
+        scene_port=scene_port,
+        curves_port=curves_port,
+        web_port=web_port,
+        viewer=viewer,
+    )
+    try:
+        run(config, bus, process.ready, process.stop)
+    finally:
+        bus.close()

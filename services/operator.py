@@ -1,0 +1,87 @@
+"""What the command line asks of a learner: create, list, show and control sessions."""
+
+import queue
+import time
+from typing import TypeVar
+
+from protocol.codec import decode, encode
+from protocol.keys import Keys
+from protocol.messages import (
+    Control,
+    CreateSession,
+    Done,
+    Episode,
+    Refusal,
+    SessionList,
+    SessionQuery,
+    SessionReport,
+    WindowSpec,
+    Wire,
+)
+from services.runtime.bus import Bus, Reply
+
+M = TypeVar("M", bound=Wire)
+OPERATOR = "operator"
+TIMEOUT_MS = 2_000
+RETRY_S = 0.1
+
+
+class OperatorError(Exception):
+    """The learner refused or does not answer; the text is one line."""
+
+
+class Operator:
+    """Asks the learner and waits for its answer.
+
+    Args: patience_s: how long an absent learner is asked again (it may be restarting).
+    """
+
+    def __init__(self, bus: Bus, keys: Keys, patience_s: float = 5.0) -> None:
+        self._bus = bus
+        self._keys = keys
+        self._patience_s = patience_s
+
+    def create(self, config: CreateSession) -> None:
+        """Create a session; the same again is the same session."""
+        self._ask(self._keys.learner("create"), config, Done)
+
+    def sessions(self) -> SessionList:
+        """Return a line about every session."""
+        return self._ask(self._keys.learner("list"), SessionQuery(), SessionList)
+
+    def show(self, session: str) -> tuple[SessionReport, list[Episode]]:
+        """Return a session's report and all its episodes."""
+        report = self._page(session, 0)
+        episodes = list(report.episodes)
+        while report.episodes and len(episodes) < report.summary.episode:
+            report = self._page(session, len(episodes))
+            episodes += report.episodes
+        return report, episodes
+
+    def _page(self, session: str, first: int) -> SessionReport:
+        query = SessionQuery(session=session, first_episode=first)
+        return self._ask(self._keys.learner("show"), query, SessionReport)
+
+    def control(self, session: str, verb: str, window: WindowSpec | None = None) -> None:
+        """Pause, resume or stop a session, or change its window."""
+        message = Control(session=session, teacher=OPERATOR, verb=verb, window=window)  # type: ignore[arg-type]
+        done = self._ask(self._keys.control(session, OPERATOR), message, Done)
+        if not done.ok:
+            raise OperatorError(f"session {session}: {done.reason}")
+
+    def _ask(self, key: str, message: Wire, expected: type[M]) -> M:
+        until = time.monotonic() + self._patience_s
+        while True:
+            replies: queue.SimpleQueue[Reply | None] = queue.SimpleQueue()
+            self._bus.ask(key, encode(message), replies.put, TIMEOUT_MS)
+            reply = replies.get()
+            if reply is not None and reply.ok:
+                return decode(reply.payload, expected)
+            if reply is not None:
+                refusal = decode(reply.payload, Refusal)
+                if refusal.code not in ("busy", "not-durable"):
+                    raise OperatorError(refusal.reason)
+            if time.monotonic() >= until:
+                what = "no learner answers here" if reply is None else refusal.reason
+                raise OperatorError(f"{what}: start one with `sfid up` or `sfid learner`, or check --connect and --deployment")
+            time.sleep(RETRY_S)

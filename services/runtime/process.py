@@ -1,0 +1,81 @@
+"""What every service process shares: logging, signals, and the line to its supervisor.
+
+A supervised process inherits one end of a socket pair. It writes one JSON line when it is ready; when the other end
+closes, the supervisor is gone and the process drains and leaves, so that no orphan stays behind.
+"""
+
+import json
+import logging
+import os
+import signal
+import socket
+import sys
+import threading
+import time
+from dataclasses import dataclass
+
+DRAIN_MAX_S = 10.0
+"""A process that has not drained by then is ended: something hangs that no patience mends."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessConfig:
+    """How a service process runs."""
+
+    role: str
+    supervised_fd: int | None = None
+    verbose: bool = False
+
+
+class ServiceProcess:
+    """Signals and supervision of one service process.
+
+    `stop` is set by SIGTERM, SIGINT or the loss of the supervisor; a second signal ends the process at once.
+    """
+
+    def __init__(self, config: ProcessConfig) -> None:
+        self.stop = threading.Event()
+        self._line = None if config.supervised_fd is None else socket.socket(fileno=config.supervised_fd)
+        _log_to_stderr(config)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, self._on_signal)
+        if self._line is not None:
+            threading.Thread(target=self._watch_supervisor, args=(self._line,), name="supervisor", daemon=True).start()
+
+    def ready(self, detail: str = "") -> None:
+        """Tell the supervisor that the service can be used; `detail` is for people (where to watch, say)."""
+        logging.getLogger("sfid").info("ready%s", f": {detail}" if detail else "")
+        if self._line is not None:
+            self._line.sendall(json.dumps({"ready": detail}).encode() + b"\n")
+
+    def _on_signal(self, number: int, _frame: object) -> None:
+        if self.stop.is_set():
+            os._exit(128 + number)
+        self._begin_stop()
+
+    def _begin_stop(self) -> None:
+        self.stop.set()
+        watchdog = threading.Timer(DRAIN_MAX_S, os._exit, (70,))
+        watchdog.daemon = True
+        watchdog.start()
+
+    def _watch_supervisor(self, line: socket.socket) -> None:
+        try:
+            while line.recv(64):
+                pass
+        except OSError:
+            pass
+        if not self.stop.is_set():
+            self._begin_stop()
+
+
+
+def _log_to_stderr(config: ProcessConfig) -> None:
+    """Log one line an event: UTC time, level, role and process, text."""
+    handler = logging.StreamHandler(sys.stderr)
+    line = logging.Formatter(
+        f"%(asctime)s.%(msecs)03dZ %(levelname)-7s {config.role}[%(process)d] %(message)s", "%Y-%m-%dT%H:%M:%S"
+    )
+    line.converter = time.gmtime
+    handler.setFormatter(line)
+    logging.basicConfig(handlers=[handler], level=logging.DEBUG if config.verbose else logging.INFO)
