@@ -1,0 +1,1 @@
+"""What every service runs on: the bus, the clock, the loop, the journal file."""

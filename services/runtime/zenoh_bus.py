@@ -1,0 +1,277 @@
+"""The bus on Zenoh: a client of a router; the only module that imports zenoh."""
+
+import atexit
+import json
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+import zenoh
+from zenoh.handlers import Callback
+
+from services.runtime.bus import CALLBACK_FAILED, BusError, Presence, Received, Reply, Request
+from services.runtime.callback_guard import CallbackGuard
+from services.runtime.key_expression import checked_key, checked_key_expression
+from services.runtime.zenoh_config import LinkLimits, client_config, router_config, split_endpoint
+
+__all__ = ["ZenohBus", "ZenohRouter", "client_config", "open_bus", "router_config"]
+
+# What Zenoh itself puts into the error reply of a query whose time is up.
+_TIMEOUT = b"Timeout"
+_RETRY_S = 0.1
+D = TypeVar("D")
+T = TypeVar("T")
+
+
+class ZenohBus:
+    """A Bus (see bus.py) over one client session; opens it at once, BusError when no router answers."""
+
+    def __init__(self, endpoint: str, limits: LinkLimits | None = None) -> None:
+        self._guard = CallbackGuard()
+        self._lock = threading.RLock()
+        self._closed = False
+        self._connected = False
+        self._watchers: list[Callable[[bool], None]] = []
+        self._asks: set[_Ask] = set()
+        self._declared: list[object] = []
+        self._session = _open_session(client_config(endpoint, limits), _no_router(endpoint))
+        # Without this a session left open at interpreter exit could call into a Python that is gone.
+        atexit.register(self.close)
+        self._declared.append(
+            self._session.info.declare_transport_events_listener(_direct(self._on_transport), history=True)
+        )
+
+    @property
+    def callback_errors(self) -> int:
+        """See Bus."""
+        return self._guard.errors
+
+    def publish(self, key: str, payload: bytes) -> None:
+        """See Topics."""
+        try:
+            self._session.put(checked_key(key), payload, congestion_control=zenoh.CongestionControl.DROP)
+        except zenoh.ZError:
+            if not self._closed:
+                raise
+
+    def subscribe(self, key_expression: str, receive: Callable[[Received], None]) -> None:
+        """See Topics."""
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.PUT:
+                received = Received(str(sample.key_expr), sample.payload.to_bytes())
+                self._guard.call("subscribe", receive, received)
+
+        self._declare(key_expression, lambda key: self._session.declare_subscriber(key, _direct(on_sample)))
+
+    def serve(self, key_expression: str, receive: Callable[[Request], None]) -> None:
+        """See Requests."""
+
+        def on_query(query: zenoh.Query) -> None:
+            request = _ZenohRequest(query)
+            if not self._guard.call("serve", receive, request):
+                request.reply_error(CALLBACK_FAILED)
+
+        def declare(key: str) -> zenoh.Queryable[None]:
+            # complete: of several servers of a key Zenoh picks one; without it every one gets every request.
+            return self._session.declare_queryable(key, _direct(on_query), complete=True)
+
+        self._declare(key_expression, declare)
+
+    def ask(self, key: str, payload: bytes, receive: Callable[[Reply | None], None], timeout_ms: int) -> None:
+        """See Requests."""
+        checked_key(key)
+        if timeout_ms <= 0:
+            message = f"timeout_ms = {timeout_ms}: an ask needs a positive timeout"
+            raise ValueError(message)
+        asked = _Ask(self._guard, receive, self._asks.discard)
+        self._asks.add(asked)
+        try:
+            self._session.get(
+                key,
+                Callback(asked.on_reply, asked.on_end, indirect=False),
+                payload=payload,
+                timeout=timeout_ms / 1000,
+                # The first reply is handed on at once instead of held back until the query has ended.
+                consolidation=zenoh.ConsolidationMode.NONE,
+                # Blocking would let one stuck asker hold up the server's link for 5 s; a lost ask is repeated.
+                congestion_control=zenoh.CongestionControl.DROP,
+                express=True,
+            )
+        except zenoh.ZError:
+            asked.on_end()
+
+    def announce(self, key: str) -> Callable[[], None]:
+        """See PresenceBoard."""
+        token = self._declare(checked_key(key), self._session.liveliness().declare_token)
+
+        def withdraw() -> None:
+            with self._lock:
+                if not self._closed and token in self._declared:
+                    self._declared.remove(token)
+                    token.undeclare()
+
+        return withdraw
+
+    def watch(self, key_expression: str, receive: Callable[[Presence], None]) -> None:
+        """See PresenceBoard."""
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            presence = Presence(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+            self._guard.call("watch", receive, presence)
+
+        def declare(key: str) -> zenoh.Subscriber[None]:
+            return self._session.liveliness().declare_subscriber(key, _direct(on_sample), history=True)
+
+        self._declare(key_expression, declare)
+
+    def connected(self) -> bool:
+        """See Connection."""
+        return self._connected
+
+    def on_connection(self, receive: Callable[[bool], None]) -> None:
+        """See Connection."""
+        with self._lock:
+            self._watchers.append(receive)
+            self._guard.call("on_connection", receive, self._connected)
+
+    def close(self) -> None:
+        """See Bus."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+        atexit.unregister(self.close)
+        self._session.close()
+        for asked in tuple(self._asks):
+            asked.on_end()
+        self._set_connected(connected=False)
+
+    def _declare(self, key_expression: str, declare: Callable[[str], D]) -> D:
+        checked_key_expression(key_expression)
+        try:
+            declared = declare(key_expression)
+        except zenoh.ZError as error:
+            message = f"cannot declare {key_expression!r}: the bus is closed" if self._closed else str(error)
+            raise BusError(message) from error
+        self._declared.append(declared)
+        return declared
+
+    def _on_transport(self, event: zenoh.TransportEvent) -> None:
+        self._set_connected(connected=event.kind == zenoh.SampleKind.PUT)
+
+    def _set_connected(self, *, connected: bool) -> None:
+        with self._lock:
+            if connected == self._connected:
+                return
+            self._connected = connected
+            for receive in self._watchers:
+                self._guard.call("on_connection", receive, connected)
+
+
+class _ZenohRequest:
+    """A Request (see bus.py) on one Zenoh query."""
+
+    def __init__(self, query: zenoh.Query) -> None:
+        self.key = str(query.key_expr)
+        self.payload = query.payload.to_bytes() if query.payload is not None else b""
+        # A list, because pop() hands the query to one thread only, without a lock.
+        self._unanswered = [query]
+
+    def reply(self, payload: bytes) -> None:
+        """See Request."""
+        self._answer(lambda query: query.reply(self.key, payload, express=True))
+
+    def reply_error(self, payload: bytes) -> None:
+        """See Request."""
+        self._answer(lambda query: query.reply_err(payload))
+
+    def _answer(self, send: Callable[[zenoh.Query], None]) -> None:
+        try:
+            query = self._unanswered.pop()
+        except IndexError:
+            return
+        try:
+            send(query)
+        except zenoh.ZError:
+            return  # The session is closed: the asker has been told that there is no answer.
+        finally:
+            query.drop()
+
+
+class _Ask:
+    """One question in flight; hands on the first outcome and forgets the rest."""
+
+    def __init__(
+        self, guard: CallbackGuard, receive: Callable[[Reply | None], None], forget: Callable[["_Ask"], None]
+    ) -> None:
+        self._guard = guard
+        self._receive = [receive]
+        self._forget = forget
+
+    def on_reply(self, reply: zenoh.Reply) -> None:
+        """Hand on a reply of the server, or Zenoh's own word that the time is up."""
+        if reply.ok is not None:
+            self._finish(Reply(reply.ok.payload.to_bytes(), ok=True))
+        elif reply.err is not None:
+            payload = reply.err.payload.to_bytes()
+            self._finish(None if payload == _TIMEOUT else Reply(payload, ok=False))
+
+    def on_end(self) -> None:
+        """Say that there is no answer, unless there was one."""
+        self._finish(None)
+
+    def _finish(self, outcome: Reply | None) -> None:
+        try:
+            receive = self._receive.pop()
+        except IndexError:
+            return
+        self._forget(self)
+        self._guard.call("ask", receive, outcome)
+
+
+class ZenohRouter:
+    """A router session that listens at one endpoint; BusError with `refusal` when it cannot."""
+
+    def __init__(self, listen: str, refusal: str, limits: LinkLimits | None = None) -> None:
+        self._session = _open_session(router_config(listen, limits), refusal)
+        atexit.register(self.close)
+
+    def close(self) -> None:
+        """Stop routing and free the endpoint; twice is once."""
+        atexit.unregister(self.close)
+        self._session.close()
+
+
+def open_bus(endpoint: str, timeout_ms: int, limits: LinkLimits | None = None) -> ZenohBus:
+    """Return a bus that is connected to the router at `endpoint`.
+
+    Tries for `timeout_ms` (0: once), then raises BusError. Ctrl-C interrupts the waiting.
+    """
+    split_endpoint(endpoint)
+    deadline_s = time.monotonic() + timeout_ms / 1000
+    while True:
+        try:
+            return ZenohBus(endpoint, limits)
+        except BusError:
+            remaining_s = deadline_s - time.monotonic()
+            if remaining_s <= 0:
+                raise
+            time.sleep(min(_RETRY_S, remaining_s))
+
+
+def _no_router(endpoint: str) -> str:
+    return f"no router at {endpoint}: start one with `sfid router` or pass --connect"
+
+
+def _open_session(config: Mapping[str, Any], refusal: str) -> zenoh.Session:
+    try:
+        return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+    except zenoh.ZError as error:
+        raise BusError(refusal) from error
+
+
+def _direct(callback: Callable[[T], None]) -> "Callback[T]":
+    # Zenoh's default gives each declaration a non-daemon thread, which hangs the interpreter's exit.
+    return Callback(callback, indirect=False)

@@ -1,0 +1,130 @@
+"""Zenoh configurations as plain data: one for a client, one for the router, and the limits of both."""
+
+import ipaddress
+from dataclasses import dataclass
+from typing import Any, Final
+
+from services.runtime.bus import BusError
+
+DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
+"""Where the router listens and everybody else connects, unless told otherwise."""
+
+_PROTOCOLS = ("tcp", "tls")
+
+
+@dataclass(frozen=True, slots=True)
+class LinkLimits:
+    """The numbers that bound a connection; router and clients of one deployment share them."""
+
+    lease_ms: int = 2500
+    """A process that has been silent for so long counts as gone (a killed one is noticed at once, by its
+    socket). Measured: the break comes at 0.84-0.96 of it."""
+
+    retry_ms_min: int = 100
+    """First wait before connecting again; it doubles up to `retry_ms_max`."""
+
+    retry_ms_max: int = 500
+    """Longest wait before connecting again: a restarted router has its clients back in about 0.6 s."""
+
+    open_timeout_ms: int = 2000
+    """Most time for the handshake with a router that accepts but does not speak (as one that is stopped)."""
+
+    message_bytes_max: int = 65536
+    """Largest payload. The router drops larger ones in silence, whoever sends them: Zenoh's own
+    max_message_size bounds only the messages that do not fit one 64 KiB batch."""
+
+    sessions_max: int = 5000
+    """Most clients of one router; 2000 have been measured at 65-100 kB of memory each."""
+
+
+def client_config(endpoint: str, limits: LinkLimits | None = None) -> dict[str, Any]:
+    """Return the configuration of a client of the router at `endpoint`.
+
+    A client opens no listening socket, finds nobody by multicast or gossip, and shares no memory: what passes
+    between two processes passes the router, and so its access control.
+    """
+    limits = limits or LinkLimits()
+    split_endpoint(endpoint)
+    return {
+        "mode": "client",
+        "connect": {
+            "endpoints": [endpoint],
+            # One attempt: the caller waits, because Ctrl-C does not interrupt Zenoh's own waiting.
+            "timeout_ms": 0,
+            "retry": {
+                "period_init_ms": limits.retry_ms_min,
+                "period_max_ms": limits.retry_ms_max,
+                "period_increase_factor": 2,
+            },
+        },
+        "scouting": _NO_SCOUTING,
+        "transport": _transport(limits),
+    }
+
+
+def router_config(listen: str, limits: LinkLimits | None = None) -> dict[str, Any]:
+    """Return the configuration of a router that listens at `listen` only."""
+    limits = limits or LinkLimits()
+    split_endpoint(listen)
+    return {
+        "mode": "router",
+        "listen": {"endpoints": [listen], "timeout_ms": 0, "exit_on_failure": True},
+        "connect": {"endpoints": []},
+        "scouting": _NO_SCOUTING,
+        "adminspace": {"enabled": False},
+        "transport": _transport(limits),
+        "low_pass_filter": [
+            {
+                "id": "message_bytes_max",
+                "messages": ["put", "delete", "query", "reply"],
+                "flows": ["ingress"],
+                "key_exprs": ["**"],
+                "size_limit": limits.message_bytes_max,
+            }
+        ],
+    }
+
+
+def split_endpoint(endpoint: str) -> tuple[str, str, int]:
+    """Return protocol, host and port of `tcp/HOST:PORT`; BusError when it is not of that form."""
+    protocol, slash, address = endpoint.partition("/")
+    host, colon, port = address.rpartition(":")
+    if slash and colon and host and protocol in _PROTOCOLS and port.isascii() and port.isdigit():
+        number = int(port)
+        if 0 < number < 65536:
+            return protocol, host.removeprefix("[").removesuffix("]"), number
+    message = f"endpoint {endpoint!r} is not of the form tcp/HOST:PORT, as in {DEFAULT_ENDPOINT}"
+    raise BusError(message)
+
+
+def is_loopback(endpoint: str) -> bool:
+    """Whether only this machine can reach `endpoint`; a host name but localhost counts as reachable."""
+    _, host, _ = split_endpoint(endpoint)
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+# delay: a router waits 500 ms for scouting answers at its start, which never come when nobody is asked.
+_NO_SCOUTING: Final = {"multicast": {"enabled": False}, "gossip": {"enabled": False}, "delay": 0}
+
+
+def _transport(limits: LinkLimits) -> dict[str, Any]:
+    return {
+        # Shared memory would cap a router at 351 local clients and is outside its message limit.
+        "shared_memory": {"enabled": False},
+        "unicast": {
+            "max_sessions": limits.sessions_max,
+            "open_timeout": limits.open_timeout_ms,
+            "accept_timeout": limits.open_timeout_ms,
+        },
+        "link": {
+            "protocols": list(_PROTOCOLS),
+            "tx": {"lease": limits.lease_ms},
+            # Room for the key and the headers around the largest payload, so that the payload limit is exact.
+            "rx": {"max_message_size": limits.message_bytes_max + 4096},
+        },
+    }
