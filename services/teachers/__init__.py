@@ -1,0 +1,1 @@
+"""Teachers: people at a terminal, and scripts that stand in for them."""

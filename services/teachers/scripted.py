@@ -1,0 +1,182 @@
+"""A simulated teacher on the wire: an exact solver's knowledge, with errors, silence and thinking time."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+from protocol.keys import Keys
+from protocol.messages import Decision, Step
+from services.client import Client, Learnt, Opened, Refused, Update
+from services.outbox import Outbox
+from services.runtime.bus import Bus
+from services.runtime.clock import Clock, SystemClock
+from sfid_core.sokoban.levels import LevelError, parse_levels
+from sfid_core.sokoban.solver import Solution, solve
+from sfid_core.sokoban.tables import TooManyStates
+from sfid_core.teaching.simulated import SimulatedTeacher
+
+VIEWS_KEPT = 65_536
+"""Views whose optimal actions are remembered: some 20 MB. A view is parsed once, then looked up."""
+_LISTEN_S = 0.2
+_DRAIN_S = 2.0
+
+
+class ScriptedError(Exception):
+    """The scripted teacher cannot teach this session; the message is one line, with the mend."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScriptedConfig:
+    """One scripted teacher."""
+
+    session: str
+    teacher: str = "scripted"
+    seed: int = 0
+    error_rate: float = 0.0
+    """Probability in [0, 1] of naming a wrong action, or of praising what deserves blame."""
+    silence_rate: float = 0.0
+    """Probability in [0, 1] of having nothing to say: sent as an abstention, so that a quorum closes."""
+    delay_ms: int = 0
+    """Thinking time before each answer."""
+    deployment: str = "local"
+    token: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """What the teacher says about a decision; an abstention when both are None."""
+
+    decision: Decision
+    action: str | None = None
+    reward: float | None = None
+
+
+class Script:
+    """Which answer the teacher gives to what happens, without bus and clock.
+
+    A reward judges the action in the state before it, by the solver's optimal actions there. That state is
+    the view of the decision while the action was executed, or what the step before led to; a teacher who has
+    seen neither (joined in between) abstains once.
+    """
+
+    def __init__(self, config: ScriptedConfig, has_answered: Callable[[Decision], bool]) -> None:
+        self._teacher = SimulatedTeacher(
+            config.seed, config.teacher, config.session, config.error_rate, config.silence_rate
+        )
+        self._delay_ns = config.delay_ms * 1_000_000
+        self._has_answered = has_answered
+        self._optimal = lru_cache(VIEWS_KEPT)(_Solver().optimal)
+        self._before: tuple[int, str] | None = None
+        self._asked: Decision | None = None
+        self.due_ns: int | None = None
+        """When the teacher will have thought about the open decision; None without one to answer."""
+
+    def hear(self, update: Update, now_ns: int) -> None:
+        """Take note of what happened."""
+        if isinstance(update, Learnt):
+            self._remember(update.step)
+        elif isinstance(update, Opened):
+            self._look_at(update.decision, now_ns)
+
+    def speak(self, now_ns: int) -> Said | None:
+        """Return the answer that is due now, once. Raises ScriptedError when the solver cannot help."""
+        if self._asked is None or self.due_ns is None or now_ns < self.due_ns:
+            return None
+        decision, self._asked, self.due_ns = self._asked, None, None
+        return self._said(decision)
+
+    def _remember(self, step: Step) -> None:
+        if step.outcome == "running" and (self._before is None or self._before[0] <= step.decision):
+            self._before = (step.decision + 1, step.next_view)
+
+    def _look_at(self, decision: Decision, now_ns: int) -> None:
+        if decision.phase == "executing":
+            self._before = (decision.decision, decision.view)
+        if decision.phase != "asking" or self._has_answered(decision):
+            self._asked = self.due_ns = None
+        else:
+            thinking = self._asked is not None and self._asked.decision == decision.decision
+            self._asked = decision
+            if not thinking:
+                self.due_ns = now_ns + self._delay_ns
+
+    def _said(self, decision: Decision) -> Said:
+        number, names = decision.decision, decision.actions
+        if decision.asked == "label":
+            label = self._teacher.label(number, decision.state, self._indexes(decision.view, names))
+            return Said(decision, action=None if label is None else names[label])
+        if decision.asked == "reward" and decision.action and self._before and self._before[0] == number:
+            optimal = self._indexes(self._before[1], names)
+            action = names.index(decision.action)
+            return Said(decision, reward=self._teacher.reward(number, decision.state, action, optimal))
+        return Said(decision)
+
+    def _indexes(self, view: str, names: tuple[str, ...]) -> tuple[int, ...]:
+        return tuple(names.index(name) for name in self._optimal(view))
+
+
+class _Solver:
+    """Names of the optimal actions of a view; each level is solved once."""
+
+    def __init__(self) -> None:
+        self._solutions: dict[tuple[bytes, int], Solution] = {}
+
+    def optimal(self, view: str) -> tuple[str, ...]:
+        try:
+            board = parse_levels(view)[0].start
+            level = board.level
+            key = (level.map_digest, len(level.boxes))
+            if key not in self._solutions:
+                self._solutions[key] = solve(level)
+            return tuple(action.name for action in self._solutions[key].optimal_actions(board))
+        except TooManyStates as error:
+            raise ScriptedError(
+                f"the level is beyond the exact solver ({error}); let people teach it, or choose a smaller one"
+            ) from None
+        except LevelError as error:
+            raise ScriptedError(
+                f"the view is no Sokoban ({error}); a scripted teacher knows no other world"
+            ) from None
+
+
+def run(
+    config: ScriptedConfig,
+    bus: Bus,
+    ready: Callable[[], None],
+    stop: threading.Event,
+    clock: Clock | None = None,
+) -> None:
+    """Teach until the session is finished or `stop` is set; waits for a learner that is not there yet.
+
+    Raises: ScriptedError when the level is beyond the solver or the learner does not let the teacher join.
+    """
+    clock = clock or SystemClock()
+    # In memory: after a crash the same seed gives the same answers to the same decisions.
+    client = Client(
+        bus, Keys(config.deployment), config.session, config.teacher,
+        outbox=Outbox(), clock=clock, token=config.token,
+    )  # fmt: skip
+    script = Script(config, client.has_answered)
+    with client:
+        ready()
+        while not stop.is_set():
+            update = client.next(_wait_s(script.due_ns, clock))
+            if isinstance(update, Opened) and update.decision.phase == "finished":
+                break
+            if isinstance(update, Refused) and update.final:
+                raise ScriptedError(f"session {config.session!r}: {update.reason} ({update.code})")
+            if update is not None:
+                script.hear(update, clock.now_ns())
+            if script.due_ns is not None and (said := script.speak(clock.now_ns())) is not None:
+                _tell(client, said)
+        client.drain(_DRAIN_S)
+
+
+def _wait_s(due_ns: int | None, clock: Clock) -> float:
+    return _LISTEN_S if due_ns is None else min(_LISTEN_S, max(0, due_ns - clock.now_ns()) / 1e9)
+
+
+def _tell(client: Client, said: Said) -> None:
+    silent = said.action is None and said.reward is None
+    client.answer(said.decision, kind="abstain" if silent else None, action=said.action, reward=said.reward)
