@@ -106,7 +106,7 @@ class Stopped:
 
 @dataclass(frozen=True, slots=True)
 class Restarted:
-    """A learner process took the session up, at its creation too; windows open anew, as clocks do not survive."""
+    """A learner process took the session up, at its creation too; windows open anew: a clock dies with it."""
 
     epoch: int
 

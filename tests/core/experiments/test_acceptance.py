@@ -1,4 +1,4 @@
-"""The founding paper's promise on the packaged room: a perfect teacher shapes a near-optimal policy in 30 episodes."""
+"""The founding paper's promise on the packaged room: a perfect teacher and thirty episodes are enough."""
 
 import pytest
 
@@ -20,7 +20,7 @@ def taught(method: str, starts: str, episodes: int, seed: int) -> BatchResult:
 
 
 def steps_over_optimal(result: BatchResult, last: int) -> float:
-    """Steps of the last episodes over the fewest steps from their starts; infinite when one was not solved."""
+    """Steps of the last episodes over the fewest from their starts; infinite when one was not solved."""
     episodes = result.episodes[-last:]
     if any(episode.outcome is not Outcome.SOLVED for episode in episodes):
         return float("inf")
