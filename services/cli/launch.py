@@ -1,0 +1,61 @@
+"""The services of a deployment as processes to supervise."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from services.supervisor import Service, Supervisor, write_processes
+
+
+@dataclass(frozen=True, slots=True)
+class Deployed:
+    """What the processes of one deployment have in common."""
+
+    data: Path
+    endpoint: str
+    deployment: str
+
+    @property
+    def common(self) -> tuple[str, ...]:
+        """Flags of every client of the router."""
+        return ("--connect", self.endpoint, "--deployment", self.deployment)
+
+
+def make_directories(data: Path) -> Path:
+    """Create the data directory and the one for logs in it; return the latter."""
+    logs = data / "logs"
+    logs.mkdir(parents=True, exist_ok=True)
+    return logs
+
+
+def supervise(data: Path, logs: Path | None) -> Supervisor:
+    """Return a supervisor that keeps `processes.json` in the data directory."""
+    return Supervisor(logs, lambda processes: write_processes(data / "processes.json", processes))
+
+
+def router(deployed: Deployed) -> Service:
+    """Return the router."""
+    return Service("router", ("router", "--listen", deployed.endpoint))
+
+
+def environment(deployed: Deployed) -> Service:
+    """Return the environment."""
+    return Service("environment", ("environment", *deployed.common))
+
+
+def learner(deployed: Deployed) -> Service:
+    """Return the learner, which owns the journal of the data directory."""
+    return Service("learner", ("learner", *deployed.common, "--data", str(deployed.data)))
+
+
+def monitor(deployed: Deployed, *, viewer: bool, ports: tuple[int, int, int]) -> Service:
+    """Return the monitor; ports are those of the scene, the curves and the web page, 0 for free ones."""
+    scene, curves, web = ports
+    arguments = ("monitor", *deployed.common, "--recordings", str(deployed.data / "recordings"))
+    arguments += ("--scene-port", str(scene), "--curves-port", str(curves), "--web-port", str(web))
+    return Service("monitor", (*arguments, "--viewer" if viewer else "--no-viewer"))
+
+
+def scripted_teacher(deployed: Deployed, session: str, name: str, flags: tuple[str, ...]) -> Service:
+    """Return a simulated teacher of a session."""
+    arguments = ("teach", "scripted", *deployed.common, "--session", session, "--name", name)
+    return Service(f"teacher-{name}", (*arguments, *flags), lasting=False)

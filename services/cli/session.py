@@ -1,0 +1,190 @@
+"""`sfid session create|list|show|pause|resume|stop`."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from protocol.keys import KeyNameError, Keys, checked
+from protocol.messages import CreateSession, WindowSpec, World
+from protocol.translate import config_of
+from services.cli.failure import NOT_SO, CommandError
+from services.cli.levels import find_level
+from services.cli.options import (
+    CONNECT_TIMEOUT_MS,
+    ENDPOINT,
+    Connect,
+    Deployment,
+    Episodes,
+    Json,
+    Level,
+    Method,
+    Seed,
+    Starts,
+    print_json,
+)
+from services.cli.tables import labels_line, print_episodes, report_document
+from services.operator import Operator, OperatorError
+from services.runtime.zenoh_bus import open_bus
+from sfid_core.learning.methods import METHODS
+from sfid_core.session.config import WindowMode
+from sfid_core.sokoban.starts import Starts as StartsSpec
+
+session_app = typer.Typer(help="Create, watch and control teaching sessions.", no_args_is_help=True, rich_markup_mode=None)
+SessionName = Annotated[str, typer.Argument(help="Name of the session: a-z, 0-9, - and _.")]
+SEED_MAX = 2**63 - 1
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the session commands."""
+    app.add_typer(session_app, name="session")
+
+
+def session_config(  # noqa: PLR0913 - one argument a flag
+    name: str,
+    level: str,
+    method: str,
+    episodes: int,
+    starts: str,
+    seed: int,
+    window: WindowSpec,
+    teachers_min: int,
+    alpha: float = 0.1,
+    gamma: float = 0.9,
+) -> CreateSession:
+    """Return a checked configuration; raise with one line and the mend when a value makes no sense."""
+    try:
+        checked(name, "session")
+    except KeyNameError as error:
+        raise CommandError(str(error)) from None
+    if method not in METHODS:
+        message = f"unknown method {method!r}: choose one of {', '.join(METHODS)}"
+        raise CommandError(message)
+    if not 0 <= seed <= SEED_MAX:
+        message = f"seed {seed} is outside 0 to 2^63-1: choose another"
+        raise CommandError(message)
+    StartsSpec.parse(starts)
+    title, found = find_level(level)
+    world = World(level=found.to_xsb(), level_name=title, starts=starts)
+    config = CreateSession(
+        session=name,
+        world=world,
+        method=method,
+        alpha=alpha,
+        gamma=gamma,
+        episodes=episodes,
+        seed=seed,
+        window=window,
+        teachers_min=teachers_min,
+    )
+    config_of(config)
+    return config
+
+
+def window_spec(mode: str, span_ms: int, quorum: int) -> WindowSpec:
+    """Return the window of three flags; raise with the mend when the mode is unknown."""
+    modes = [known.value for known in WindowMode]
+    if mode not in modes:
+        message = f"unknown window mode {mode!r}: choose one of {', '.join(modes)}"
+        raise CommandError(message)
+    return WindowSpec(mode=mode, span_ms=span_ms, quorum=quorum)  # type: ignore[arg-type]
+
+
+@contextmanager
+def operator(connect: str, deployment: str) -> Iterator[Operator]:
+    """Yield an operator of the deployment; its refusals become one line."""
+    try:
+        keys = Keys(deployment)
+    except KeyNameError as error:
+        raise CommandError(str(error)) from None
+    bus = open_bus(connect, CONNECT_TIMEOUT_MS)
+    try:
+        yield Operator(bus, keys)
+    except OperatorError as error:
+        raise CommandError(str(error), NOT_SO) from None
+    finally:
+        bus.close()
+
+
+@session_app.command()
+def create(  # noqa: PLR0913 - one argument a flag
+    name: SessionName,
+    level: Level = "room",
+    method: Method = "sfid",
+    episodes: Episodes = 30,
+    starts: Starts = "4",
+    seed: Seed = 0,
+    window_mode: Annotated[str, typer.Option(help="early, full or until-answered.")] = "early",
+    window_ms: Annotated[int, typer.Option(help="Window for an answer in ms, 1 to 3,600,000.")] = 5_000,
+    quorum: Annotated[int, typer.Option(help="Answers that close the window; 0: everyone present.")] = 0,
+    teachers_min: Annotated[int, typer.Option(help="Teachers who must join before the first decision.")] = 1,
+    alpha: Annotated[float, typer.Option(help="Step size of Q-learning, in (0, 1].")] = 0.1,
+    gamma: Annotated[float, typer.Option(help="Discount factor, in [0, 1).")] = 0.9,
+    connect: Connect = ENDPOINT,
+    deployment: Deployment = "local",
+) -> None:
+    """Create a session; it begins when enough teachers have joined."""
+    window = window_spec(window_mode, window_ms, quorum)
+    config = session_config(name, level, method, episodes, starts, seed, window, teachers_min, alpha, gamma)
+    with operator(connect, deployment) as asked:
+        asked.create(config)
+    print(f"session {name} created: `sfid teach keyboard --session {name}` teaches it")
+
+
+@session_app.command("list")
+def list_sessions(connect: Connect = ENDPOINT, deployment: Deployment = "local", json: Json = False) -> None:
+    """List the sessions of the learner."""
+    with operator(connect, deployment) as asked:
+        sessions = asked.sessions().sessions
+    if json:
+        print_json([
+            {"session": row.session, "method": row.method, "level": row.level_name, "phase": row.phase,
+             "paused": row.paused, "episode": row.episode, "episodes": row.episodes, "teachers": list(row.teachers)}
+            for row in sessions
+        ])  # fmt: skip
+        return
+    for row in sessions:
+        state = "paused" if row.paused else row.phase
+        teachers = ", ".join(row.teachers) or "nobody"
+        print(f"{row.session}: {row.method} on {row.level_name}, episode {row.episode}/{row.episodes}, {state}, {teachers}")
+    if not sessions:
+        print("no sessions yet: `sfid session create NAME` creates one")
+
+
+@session_app.command()
+def show(name: SessionName, connect: Connect = ENDPOINT, deployment: Deployment = "local", json: Json = False) -> None:
+    """Show a session's measures."""
+    with operator(connect, deployment) as asked:
+        report, episodes = asked.show(name)
+    if json:
+        document = report_document(report, episodes)
+        print_json(document | {"phase": report.summary.phase, "malformed": report.malformed, "failure": report.failure})
+        return
+    print_episodes(Console(), episodes)
+    print(labels_line(report.labels))
+    print(f"phase {report.summary.phase}, epoch {report.epoch}, q_sha256 {report.q_sha256}")
+
+
+def _control(verb: str, name: str, connect: str, deployment: str) -> None:
+    with operator(connect, deployment) as asked:
+        asked.control(name, verb)
+
+
+@session_app.command()
+def pause(name: SessionName, connect: Connect = ENDPOINT, deployment: Deployment = "local") -> None:
+    """Hold the count-down and the next decision."""
+    _control("pause", name, connect, deployment)
+
+
+@session_app.command()
+def resume(name: SessionName, connect: Connect = ENDPOINT, deployment: Deployment = "local") -> None:
+    """Go on from a pause."""
+    _control("resume", name, connect, deployment)
+
+
+@session_app.command()
+def stop(name: SessionName, connect: Connect = ENDPOINT, deployment: Deployment = "local") -> None:
+    """End a session where it is; what was learnt is kept."""
+    _control("stop", name, connect, deployment)

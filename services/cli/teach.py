@@ -1,0 +1,89 @@
+"""`sfid teach keyboard|scripted`: one teacher."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from protocol.keys import KeyNameError, Keys, checked
+from services.cli.failure import CommandError
+from services.cli.options import (
+    CONNECT_TIMEOUT_MS,
+    ENDPOINT,
+    SERVICE_CONNECT_TIMEOUT_MS,
+    Connect,
+    Deployment,
+    Seed,
+    SupervisedFd,
+    Verbose,
+)
+from services.runtime.process import ProcessConfig, ServiceProcess
+
+teach_app = typer.Typer(help="Teach a session, in person or by script.", no_args_is_help=True, rich_markup_mode=None)
+SessionOption = Annotated[str, typer.Option(help="Session to teach.")]
+NameOption = Annotated[str, typer.Option(help="Pseudonym of the teacher: a-z, 0-9, - and _.")]
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the teaching commands."""
+    app.add_typer(teach_app, name="teach")
+
+
+def _names(session: str, name: str, deployment: str) -> Keys:
+    try:
+        checked(session, "session")
+        checked(name, "teacher")
+        return Keys(deployment)
+    except KeyNameError as error:
+        raise CommandError(str(error)) from None
+
+
+@teach_app.command()
+def scripted(  # noqa: PLR0913 - one argument a flag
+    session: SessionOption,
+    name: NameOption = "expert",
+    error_rate: Annotated[float, typer.Option(help="Share of answers that are wrong, 0 to 1.")] = 0.0,
+    silence_rate: Annotated[float, typer.Option(help="Share of decisions without an opinion, 0 to 1.")] = 0.0,
+    delay_ms: Annotated[int, typer.Option(help="Thinking time before each answer, in ms.")] = 0,
+    seed: Seed = 0,
+    connect: Connect = ENDPOINT,
+    deployment: Deployment = "local",
+    verbose: Verbose = False,
+    supervised_fd: SupervisedFd = None,
+) -> None:
+    """Teach by the exact oracle, with an error rate and a silence rate."""
+    from services.runtime.zenoh_bus import open_bus
+    from services.teachers.scripted import ScriptedConfig, run
+
+    keys = _names(session, name, deployment)
+    process = ServiceProcess(ProcessConfig(f"teacher-{name}", supervised_fd, verbose))
+    config = ScriptedConfig(
+        session=session, teacher=name, seed=seed, error_rate=error_rate, silence_rate=silence_rate, delay_ms=delay_ms,
+        deployment=keys.deployment,
+    )  # fmt: skip
+    bus = open_bus(connect, SERVICE_CONNECT_TIMEOUT_MS)
+    try:
+        run(config, bus, process.ready, process.stop)
+    finally:
+        bus.close()
+
+
+@teach_app.command()
+def keyboard(
+    session: SessionOption,
+    name: NameOption = "me",
+    connect: Connect = ENDPOINT,
+    deployment: Deployment = "local",
+    outbox: Annotated[Path | None, typer.Option(help="File that keeps unsent answers; one per teacher by default.")] = None,
+) -> None:
+    """Teach with the keyboard, in this terminal."""
+    from services.runtime.zenoh_bus import open_bus
+    from services.teachers.keyboard import KeyboardConfig, run
+
+    keys = _names(session, name, deployment)
+    bus = open_bus(connect, CONNECT_TIMEOUT_MS)
+    try:
+        config = KeyboardConfig(session=session, teacher=name, deployment=keys.deployment, outbox=outbox)
+        raise typer.Exit(run(config, bus))
+    finally:
+        bus.close()

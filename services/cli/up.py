@@ -1,0 +1,66 @@
+"""`sfid up`: a supervised set of services."""
+
+import logging
+import signal
+import threading
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from services.cli import launch
+from services.cli.failure import CommandError
+from services.runtime.config import Config, ConfigError, read_config
+
+log = logging.getLogger("sfid.up")
+CHECK_S = 0.2
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(up)
+
+
+def up(
+    config: Annotated[Path | None, typer.Option(help="TOML file; see README for its keys.")] = None,
+    data: Annotated[Path | None, typer.Option(help="Data directory; overrides the file.")] = None,
+    listen: Annotated[str | None, typer.Option(help="Endpoint of the router; overrides the file.")] = None,
+    viewer: Annotated[bool | None, typer.Option(help="Serve Rerun viewers; overrides the file.")] = None,
+) -> None:
+    """Run router, environment, learner and monitor; restart what dies; Ctrl-C drains."""
+    try:
+        settings = Config() if config is None else read_config(config)
+    except ConfigError as error:
+        raise CommandError(str(error)) from None
+    deployed = launch.Deployed(data or Path(settings.data), listen or settings.listen, settings.deployment)
+    try:
+        launch.make_directories(deployed.data)
+    except OSError as error:
+        message = f"{deployed.data}: {error.strerror or error}: name a --data directory that can be written"
+        raise CommandError(message) from None
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)-7s up %(message)s")
+    _run(deployed, settings, viewer, stop)
+
+
+def _run(deployed: launch.Deployed, settings: Config, viewer: bool | None, stop: threading.Event) -> None:
+    supervisor = launch.supervise(deployed.data, None)
+    try:
+        supervisor.start(launch.router(deployed))
+        services = [launch.environment(deployed), launch.learner(deployed)]
+        section = settings.monitor
+        if section.enabled:
+            ports = (section.scene_port, section.curves_port, section.web_port)
+            shown = section.viewer if viewer is None else viewer
+            services.append(launch.monitor(deployed, viewer=shown, ports=ports))
+        details = supervisor.start(*services)
+        print(f"router at {deployed.endpoint}, data in {deployed.data}", flush=True)
+        if details.get("monitor"):
+            print(details["monitor"], flush=True)
+        print("next: `sfid session create NAME`, then `sfid teach keyboard --session NAME`", flush=True)
+        while not stop.wait(CHECK_S):
+            supervisor.check()
+    finally:
+        supervisor.stop()

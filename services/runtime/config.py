@@ -1,0 +1,53 @@
+"""The one configuration file, TOML; flags override it."""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+Port = Annotated[int, Meta(ge=0, le=65_535)]
+
+
+class ConfigError(ValueError):
+    """The configuration file is wrong; the text is one line: what, where, and the mend."""
+
+
+class MonitorSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """[monitor]: where viewers find it; port 0 takes a free one."""
+
+    enabled: bool = True
+    viewer: bool = True
+    scene_port: Port = 19_876
+    curves_port: Port = 19_877
+    web_port: Port = 19_090
+
+
+class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A supervised set of services (`sfid up`)."""
+
+    data: str = "sfid-data/up"
+    """Directory of journal, logs and recordings."""
+    listen: str = "tcp/127.0.0.1:7447"
+    """Endpoint of the router."""
+    deployment: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,47}$")] = "local"
+    monitor: MonitorSection = MonitorSection()
+
+
+def read_config(path: Path) -> Config:
+    """Return the configuration in a TOML file; raise ConfigError naming the key and what is known."""
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        message = f"{path}: {error.strerror or error}: name a readable TOML file"
+        raise ConfigError(message) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        message = f"{path}: not TOML: {error}"
+        raise ConfigError(message) from None
+    try:
+        return msgspec.convert(document, Config)
+    except msgspec.ValidationError as error:
+        known = ", ".join([*Config.__struct_fields__[:-1], *(f"monitor.{f}" for f in MonitorSection.__struct_fields__)])
+        message = f"{path}: {error}: known keys are {known}"
+        raise ConfigError(message) from None
