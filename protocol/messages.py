@@ -16,6 +16,7 @@ ActionName = Annotated[str, Meta(pattern=r"^[A-Z][A-Z0-9_]{0,31}$")]
 Id = Annotated[bytes, Meta(min_length=16, max_length=16)]
 StateKey = Annotated[bytes, Meta(max_length=32)]
 Count = Annotated[int, Meta(ge=0, le=2**53 - 1)]
+Nanoseconds = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Milliseconds = Annotated[int, Meta(ge=0, le=2**40)]
 Finite = Annotated[float, Meta(ge=-1.7e308, le=1.7e308)]
 """Any float64 but NaN and the infinities."""
@@ -95,7 +96,7 @@ class Step(Wire, frozen=True, kw_only=True, tag="step"):
     decision: Count
     episode: Count
     step: Count
-    at_ns: Count
+    at_ns: Nanoseconds
     state: StateKey
     view: View
     action: ActionName
@@ -116,7 +117,7 @@ class Episode(Wire, frozen=True, kw_only=True, tag="episode"):
     session: Name
     epoch: Count
     decision: Count
-    at_ns: Count
+    at_ns: Nanoseconds
     episode: Count
     steps: Count
     optimal_steps: Count | None = None
@@ -284,7 +285,7 @@ class SessionReport(Wire, frozen=True, kw_only=True, tag="session-report"):
     config: CreateSession
     epoch: Count
     labels: LabelTotals
-    teaching_ns: Count
+    teaching_ns: Nanoseconds
     q_sha256: Annotated[str, Meta(max_length=64)]
     malformed: dict[str, Count] = {}
     """Messages that could not be read, by sender."""
