@@ -149,7 +149,7 @@ RULES: list[Rule] = [
     unfinished_function,
     file_too_long,
 ]
-RULES_OF_TESTS: list[Rule] = [sleep_in_a_test, patch_in_a_test, generator_without_a_seed, no_module_docstring]
+RULES_OF_TESTS: list[Rule] = [sleep_in_a_test, patch_in_a_test, generator_without_a_seed]
 
 PLANTED: dict[Rule, str] = {
     functions_too_long: "def f() -> int:\n" + "    x = 1\n" * FUNCTION_LINES_MAX + "    return x\n",
