@@ -118,10 +118,12 @@ def _longest(shard_id: bytes, last: int, store: _Source, mirror: _Source) -> lis
     prev = genesis(shard_id)
     proof: list[tuple[Record, bytes]] = []
     for seq in range(1, last + 1):
-        for source in (store, mirror):
-            record = source.records.get(seq)
-            encoded = None if record is None else _try(prev, record)
-            if record is not None and encoded is not None:
+        candidates = [source.records[seq] for source in (store, mirror) if seq in source.records]
+        # An erasure that reached one file is completed: no damage empties three columns and nothing else.
+        candidates.sort(key=lambda record: record.body is not None)
+        for record in candidates:
+            encoded = _try(prev, record)
+            if encoded is not None:
                 proof.append((record, encoded))
                 prev = record.chain
                 break

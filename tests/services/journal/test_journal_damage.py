@@ -1,0 +1,283 @@
+"""Damaged, cut and missing files: repaired from the other file, or refused; never quietly fewer rows."""
+
+from __future__ import annotations
+
+import random
+import shutil
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from protocol.framing import frames
+from services.runtime.journal import JournalDamaged, JournalError, JournalNewer, Row, Shard, read_rows, verify
+
+FLIPS_A_FILE = 120
+SQLITE_HEADER_BITS = 800
+
+
+def reopened(data_dir: Path) -> list[Row]:
+    with Shard.open(data_dir) as shard:
+        found = list(shard.rows())
+        assert all(shard.find(row.session, row.unique) == row for row in found if row.unique is not None)
+    return found
+
+
+def last_frame(mirror: Path) -> tuple[int, int]:
+    with mirror.open("rb") as log:
+        *_, last = frames(log)
+    return last.start, last.end
+
+
+def one_more_commit(data_dir: Path) -> Row:
+    with Shard.open(data_dir) as shard:
+        seq = shard.append("s9", "answer", b"last", at_ns=9, unique=b"9" * 16)
+    return Row(seq, "s9", "answer", 9, b"last", b"9" * 16, None)
+
+
+def copied(data_dir: Path, to: Path) -> Path:
+    if to.exists():
+        shutil.rmtree(to)
+    shutil.copytree(data_dir, to)
+    return to / "shard-0"
+
+
+def flipped_bits(path: Path, rng: random.Random) -> Iterator[int]:
+    bits = path.stat().st_size * 8
+    yield from (rng.randrange(bits) for _ in range(FLIPS_A_FILE))
+    yield from (rng.randrange(min(bits, SQLITE_HEADER_BITS)) for _ in range(FLIPS_A_FILE // 4))
+
+
+@pytest.mark.parametrize("name", ["journal.sqlite", "journal.sqlite-wal", "journal.mirror"])
+def test_after_any_bit_flip_verify_says_so_or_every_row_is_still_there_and_opening_loses_none(
+    crashed_journal: Path, tmp_path: Path, rows: list[Row], name: str
+) -> None:
+    assert verify(crashed_journal).problems == ()
+    for bit in flipped_bits(crashed_journal / "shard-0" / name, random.Random(name)):
+        shard = copied(crashed_journal, tmp_path / "flipped")
+        content = bytearray((shard / name).read_bytes())
+        content[bit // 8] ^= 1 << (bit % 8)
+        (shard / name).write_bytes(content)
+        found = verify(shard.parent)
+        assert found.ok == (found.problems == ())
+        if found.ok:
+            # The rule: a flip verify accepts changed nothing that anybody can read.
+            assert (found.rows, list(read_rows(shard.parent))) == (len(rows), rows), bit
+        try:
+            assert reopened(shard.parent) == rows, bit
+        except JournalNewer:
+            # A flip in the version number cannot be told from a newer version; refusing keeps every byte.
+            assert not found.ok
+        else:
+            assert verify(shard.parent).problems == (), bit
+
+
+def test_a_flip_in_a_row_is_named_with_its_number(closed_journal: Path) -> None:
+    path = closed_journal / "shard-0" / "journal.sqlite"
+    content = path.read_bytes()
+    path.write_bytes(content.replace(b"body of row 7 ", b"body of row 8 ", 1))
+    found = verify(closed_journal)
+    assert not found.ok
+    assert "row 7 " in found.problems[0]
+
+
+def test_a_mirror_cut_at_any_byte_of_its_last_frame_is_completed_from_sqlite(
+    closed_journal: Path, tmp_path: Path, rows: list[Row]
+) -> None:
+    last = one_more_commit(closed_journal)
+    start, end = last_frame(closed_journal / "shard-0" / "journal.mirror")
+    whole = (closed_journal / "shard-0" / "journal.mirror").read_bytes()
+    shard = copied(closed_journal, tmp_path / "cut")
+    for cut in range(start, end):
+        (shard / "journal.mirror").write_bytes(whole[:cut])
+        assert not verify(shard.parent).ok
+        assert reopened(shard.parent) == [*rows, last]
+    assert verify(shard.parent).problems == ()
+
+
+def test_an_unfinished_commit_cut_at_any_byte_of_the_mirror_is_dropped_whole_or_completed_whole(
+    closed_journal: Path, tmp_path: Path, rows: list[Row]
+) -> None:
+    before = copied(closed_journal, tmp_path / "before")
+    last = one_more_commit(closed_journal)
+    start, end = last_frame(closed_journal / "shard-0" / "journal.mirror")
+    whole = (closed_journal / "shard-0" / "journal.mirror").read_bytes()
+    for cut in range(start, end + 1):
+        shard = copied(before.parent, tmp_path / "cut")
+        (shard / "journal.mirror").write_bytes(whole[:cut])
+        expected = [*rows, last] if cut == end else rows
+        found = verify(shard.parent)
+        assert (found.problems, found.rows, len(found.notes)) == ((), len(expected), int(cut > start))
+        assert list(read_rows(shard.parent)) == expected
+        assert reopened(shard.parent) == expected
+
+
+@pytest.mark.parametrize("name", ["journal.sqlite", "journal.mirror"])
+@pytest.mark.parametrize("damage", ["missing", "empty", "zeroed block", "noise"])
+def test_either_file_alone_brings_the_other_back(
+    closed_journal: Path, rows: list[Row], name: str, damage: str
+) -> None:
+    path = closed_journal / "shard-0" / name
+    content = path.read_bytes()
+    if damage == "missing":
+        path.unlink()
+    elif damage == "empty":
+        path.write_bytes(b"")
+    elif damage == "noise":
+        path.write_bytes(random.Random(1).randbytes(len(content)))
+    else:
+        path.write_bytes(content[:1024] + bytes(4096) + content[1024 + 4096 :])
+    assert not verify(closed_journal).ok
+    with Shard.open(closed_journal) as shard:
+        assert list(shard.rows()) == rows
+        assert any(name in note for note in shard.notes)
+        assert shard.append("s0", "close", b"on it goes", at_ns=1) == len(rows) + 1
+    assert verify(closed_journal).problems == ()
+    assert list(read_rows(closed_journal))[:-1] == rows
+
+
+def test_a_lost_write_ahead_log_is_made_good_from_the_mirror(crashed_journal: Path, rows: list[Row]) -> None:
+    (crashed_journal / "shard-0" / "journal.sqlite-wal").unlink()
+    assert list(read_rows(crashed_journal)) == rows
+    assert reopened(crashed_journal) == rows
+    assert verify(crashed_journal).problems == ()
+
+
+def test_a_stale_copy_of_either_file_is_brought_up_to_date(
+    closed_journal: Path, tmp_path: Path, rows: list[Row]
+) -> None:
+    for name in ("journal.sqlite", "journal.mirror"):
+        stale = copied(closed_journal, tmp_path / "stale")
+        current = copied(closed_journal, tmp_path / "current")
+        with Shard.open(current.parent) as shard:
+            shard.append("s9", "answer", b"newer", at_ns=9)
+        shutil.copy(stale / name, current / name)
+        found = reopened(current.parent)
+        assert found[:-1] == rows
+        assert found[-1].body == b"newer"
+        assert verify(current.parent).problems == ()
+
+
+def test_damage_in_both_files_at_different_rows_loses_nothing(closed_journal: Path, rows: list[Row]) -> None:
+    shard = closed_journal / "shard-0"
+    for name, row in (("journal.sqlite", 5), ("journal.mirror", 40)):
+        content = (shard / name).read_bytes()
+        text = f"body of row {row} ".encode()
+        assert text in content
+        (shard / name).write_bytes(content.replace(text, text.upper(), 1))
+    assert not verify(closed_journal).ok
+    assert reopened(closed_journal) == rows
+    assert verify(closed_journal).problems == ()
+
+
+def test_a_row_damaged_in_both_files_is_refused_with_the_count_and_nothing_is_touched(
+    closed_journal: Path,
+) -> None:
+    shard = closed_journal / "shard-0"
+    for name in ("journal.sqlite", "journal.mirror"):
+        content = (shard / name).read_bytes()
+        (shard / name).write_bytes(content.replace(b"body of row 17 ", b"BODY of row 17 "))
+    before = {path.name: path.read_bytes() for path in shard.glob("journal.*")}
+    with pytest.raises(JournalDamaged, match="row 17 of 48") as caught:
+        Shard.open(closed_journal)
+    assert caught.value.missing >= 1
+    assert "\n" not in str(caught.value)
+    assert {path.name: path.read_bytes() for path in shard.glob("journal.*")} == before
+
+
+def test_both_files_missing_from_a_used_shard_is_refused(closed_journal: Path) -> None:
+    for name in ("journal.sqlite", "journal.mirror"):
+        (closed_journal / "shard-0" / name).unlink()
+    with pytest.raises(JournalDamaged, match="backup"):
+        Shard.open(closed_journal)
+
+
+def test_files_of_two_shards_are_not_joined(closed_journal: Path, tmp_path: Path, rows: list[Row]) -> None:
+    other = tmp_path / "other"
+    with Shard.open(other) as shard:
+        shard.append("x", "answer", b"another deployment", at_ns=1)
+    shutil.copy(other / "shard-0" / "journal.mirror", closed_journal / "shard-0" / "journal.mirror")
+    assert not verify(closed_journal).ok
+    assert reopened(closed_journal) == rows
+
+
+def test_a_newer_schema_is_refused_by_every_door_and_left_alone(closed_journal: Path) -> None:
+    path = closed_journal / "shard-0" / "journal.sqlite"
+    with closing(sqlite3.connect(path, isolation_level=None)) as db:
+        db.execute("PRAGMA user_version = 2")
+    before = path.read_bytes()
+    with pytest.raises(JournalNewer, match="upgrade"):
+        Shard.open(closed_journal)
+    with pytest.raises(JournalNewer):
+        list(read_rows(closed_journal))
+    found = verify(closed_journal)
+    assert not found.ok
+    assert "newer version" in found.problems[0]
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "DELETE FROM rows WHERE seq = 48",
+        "DELETE FROM rows WHERE seq = 20",
+        "UPDATE rows SET body = NULL WHERE seq = 9",
+        "UPDATE rows SET session = 's7' WHERE seq = 9",
+        "UPDATE rows SET answer_id = zeroblob(16) WHERE seq = 9",
+        "UPDATE rows SET at_ns = at_ns + 1 WHERE seq = 9",
+        "UPDATE rows SET person = 'another' WHERE seq = 9",
+        "UPDATE head SET seq = 47",
+        "UPDATE head SET chain = zeroblob(32)",
+        "DELETE FROM head",
+        "DROP INDEX rows_answer",
+        "CREATE TABLE more (x) STRICT",
+    ],
+)
+def test_every_change_behind_the_writers_back_is_found_and_undone(
+    closed_journal: Path, rows: list[Row], statement: str
+) -> None:
+    sql = statement.replace("more (x)", "more (x INTEGER)")
+    with closing(sqlite3.connect(closed_journal / "shard-0" / "journal.sqlite", isolation_level=None)) as db:
+        db.execute(sql)
+    assert not verify(closed_journal).ok
+    assert reopened(closed_journal) == rows
+    assert verify(closed_journal).problems == ()
+
+
+def test_an_erased_body_leaves_a_chain_that_still_holds(closed_journal: Path, rows: list[Row]) -> None:
+    path = closed_journal / "shard-0" / "journal.sqlite"
+    with closing(sqlite3.connect(path, isolation_level=None)) as db:
+        db.execute("UPDATE rows SET body = NULL, salt = NULL, person = NULL WHERE person = 'person-1'")
+    (closed_journal / "shard-0" / "journal.mirror").unlink()
+    expected = [row._replace(body=None, person=None) if row.person == "person-1" else row for row in rows]
+    assert reopened(closed_journal) == expected
+    assert verify(closed_journal).problems == ()
+    assert b"person-1" not in (closed_journal / "shard-0" / "journal.mirror").read_bytes()
+
+
+@pytest.mark.parametrize("first", ["journal.sqlite", "journal.mirror"])
+def test_an_erasure_that_reached_one_file_is_completed_not_undone(
+    closed_journal: Path, tmp_path: Path, rows: list[Row], first: str
+) -> None:
+    erased = copied(closed_journal, tmp_path / "erased")
+    with closing(sqlite3.connect(erased / "journal.sqlite", isolation_level=None)) as db:
+        db.execute("UPDATE rows SET body = NULL, salt = NULL, person = NULL WHERE seq = 9")
+    (erased / "journal.mirror").unlink()
+    Shard.open(erased.parent).close()
+    shutil.copy(erased / first, closed_journal / "shard-0" / first)
+    assert not verify(closed_journal).ok
+    assert reopened(closed_journal) == [
+        row._replace(body=None, person=None) if row.seq == 9 else row for row in rows
+    ]
+    assert verify(closed_journal).problems == ()
+
+
+def test_an_erased_row_cannot_be_given_another_body(closed_journal: Path) -> None:
+    path = closed_journal / "shard-0" / "journal.sqlite"
+    with closing(sqlite3.connect(path, isolation_level=None)) as db:
+        db.execute("UPDATE rows SET body = x'01', salt = zeroblob(16) WHERE seq = 9")
+    (closed_journal / "shard-0" / "journal.mirror").unlink()
+    with pytest.raises(JournalError, match="row 9 of 48"):
+        Shard.open(closed_journal)
