@@ -1,0 +1,1 @@
+"""The monitor: shows a session live in Rerun and records it; the only package that imports rerun."""

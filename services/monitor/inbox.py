@@ -1,0 +1,66 @@
+"""The bounded queue between the bus and the monitor's worker: the oldest gives way, nobody waits to put."""
+
+import threading
+from collections import deque
+from dataclasses import dataclass
+
+from services.runtime.bus import Received, Reply
+
+MESSAGES_MAX = 8192
+BYTES_MAX = 16 * 1024 * 1024
+
+
+@dataclass(frozen=True, slots=True)
+class Listed:
+    """The learner's answer to which sessions there are; None when it gave none."""
+
+    reply: Reply | None
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """The learner's answer about one session; None when it gave none."""
+
+    session: str
+    reply: Reply | None
+
+
+Item = Received | Listed | Shown
+
+
+class Inbox:
+    """What waits for the worker."""
+
+    def __init__(self) -> None:
+        self.dropped = 0
+        self._messages: deque[Received] = deque()
+        self._replies: list[Listed | Shown] = []
+        self._bytes = 0
+        self._wake = threading.Condition()
+
+    def put(self, message: Received) -> None:
+        """Add a message of a topic; the oldest are dropped, and counted, when there is no room."""
+        with self._wake:
+            self._messages.append(message)
+            self._bytes += len(message.payload)
+            while len(self._messages) > MESSAGES_MAX or self._bytes > BYTES_MAX:
+                self._bytes -= len(self._messages.popleft().payload)
+                self.dropped += 1
+            self._wake.notify()
+
+    def put_reply(self, reply: Listed | Shown) -> None:
+        """Add an answer; never dropped, because the worker asks one thing a session at a time."""
+        with self._wake:
+            self._replies.append(reply)
+            self._wake.notify()
+
+    def take(self, timeout_s: float) -> list[Item]:
+        """Return everything that waits, answers first; an empty list after `timeout_s` without anything."""
+        with self._wake:
+            if not self._messages and not self._replies:
+                self._wake.wait(timeout_s)
+            items: list[Item] = [*self._replies, *self._messages]
+            self._replies.clear()
+            self._messages.clear()
+            self._bytes = 0
+            return items

@@ -1,0 +1,157 @@
+"""The two servers that viewers connect to, fed by a thread of their own, the only one that waits for a viewer.
+
+A viewer that hangs blocks the server's broadcast, and with it whoever logs. So rows for viewers go through a
+bounded queue that drops its oldest. A dropped picture is followed by a newer one; a dropped row of a curve is in the
+recording, and comes back from the learner when the monitor starts anew.
+"""
+
+import logging
+import threading
+from collections import deque
+
+import rerun as rr
+import rerun_bindings
+
+from services.monitor.blueprint import blueprint
+from services.monitor.config import LOOPBACK, Addresses, MonitorError, port_error
+from services.monitor.rows import Picture, Row, Rows
+from services.monitor.writer import APPLICATION, Writer, stream
+
+SCENE_TICK_S = 0.1
+CURVES_TICK_S = 0.5
+SCENE_HISTORY = "32MB"
+CURVES_HISTORY = "256MB"
+START_TIMEOUT_S = 5.0
+CLOSE_TIMEOUT_S = 1.0
+ROWS_WAITING_MAX = 1024
+
+_LOG = logging.getLogger(__name__)
+
+
+class Live:
+    """The servers, and every session's two streams to them.
+
+    Servers outlive sessions and are there before the first: each belongs to an empty stream of kind
+    blueprint, which no viewer lists; the sessions' streams connect to it over loopback.
+    """
+
+    def __init__(self, addresses: Addresses) -> None:
+        self.dropped = 0
+        self._addresses = addresses
+        self._rows: deque[tuple[str, Row | None]] = deque()
+        self._wake = threading.Condition()
+        self._closing = False
+        self._sessions: dict[str, _LiveSession] = {}
+        self._blueprint_sent = False
+        self._scene_host = _host(addresses, addresses.scene_port, "scene_port", SCENE_HISTORY)
+        try:
+            self._curves_host = _host(addresses, addresses.curves_port, "curves_port", CURVES_HISTORY)
+        except MonitorError:
+            self._scene_host.disconnect()
+            raise
+        self._thread = threading.Thread(target=self._run, name="monitor-live", daemon=True)
+        self._thread.start()
+
+    def show(self, recording_id: str, rows: Rows) -> None:
+        """Queue rows for the viewers; never waits."""
+        with self._wake:
+            for row in (*rows.scene, *rows.curves):
+                self._queue(recording_id, row)
+            self._wake.notify()
+
+    def forget(self, recording_id: str) -> None:
+        """Close a session's streams once its queued rows are through; viewers keep what they have."""
+        with self._wake:
+            self._queue(recording_id, None)
+            self._wake.notify()
+
+    def close(self, timeout_s: float) -> bool:
+        """Send what is queued and close; False when that did not end in time, because a viewer hangs."""
+        with self._wake:
+            self._closing = True
+            self._wake.notify()
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _queue(self, recording_id: str, row: Row | None) -> None:
+        if len(self._rows) >= ROWS_WAITING_MAX:
+            self._rows.popleft()
+            self.dropped += 1
+        self._rows.append((recording_id, row))
+
+    def _run(self) -> None:
+        try:
+            while (item := self._next()) is not None:
+                self._write(*item)
+        finally:
+            for session in self._sessions.values():
+                session.close()
+            self._scene_host.disconnect()
+            self._curves_host.disconnect()
+
+    def _next(self) -> tuple[str, Row | None] | None:
+        with self._wake:
+            while not self._rows and not self._closing:
+                self._wake.wait()
+            return self._rows.popleft() if self._rows else None
+
+    def _write(self, recording_id: str, row: Row | None) -> None:
+        if row is None:
+            if (session := self._sessions.pop(recording_id, None)) is not None:
+                session.close()
+            return
+        if recording_id not in self._sessions:
+            self._sessions[recording_id] = _LiveSession(
+                recording_id, self._addresses, with_blueprint=not self._blueprint_sent
+            )
+            self._blueprint_sent = True
+        self._sessions[recording_id].write(row)
+
+
+class _LiveSession:
+    """A session's two streams: one recording to a viewer that has opened both servers."""
+
+    def __init__(self, recording_id: str, addresses: Addresses, *, with_blueprint: bool) -> None:
+        self._scene = stream(recording_id, SCENE_TICK_S, send_properties=False)
+        self._scene.set_sinks(rr.GrpcSink(addresses.scene_url))
+        self._curves = stream(recording_id, CURVES_TICK_S, send_properties=True)
+        self._curves.set_sinks(rr.GrpcSink(addresses.curves_url))
+        self._curves.send_recording_name(recording_id)
+        if with_blueprint:
+            self._curves.send_blueprint(blueprint(), make_active=True, make_default=True)
+        self._scene_writer = Writer(self._scene)
+        self._curves_writer = Writer(self._curves)
+        self._curves_writer.style_curves()
+
+    def write(self, row: Row) -> None:
+        """Send a row to the server it belongs to."""
+        (self._scene_writer if isinstance(row, Picture) else self._curves_writer).write(row)
+
+    def close(self) -> None:
+        """Send what is left; a server that hangs is left behind."""
+        for each in (self._scene, self._curves):
+            try:
+                each.flush(timeout_sec=CLOSE_TIMEOUT_S)
+            except RuntimeError as error:
+                _LOG.warning("the last rows did not reach the viewers: %s", error)
+            each.disconnect()
+
+
+def _host(addresses: Addresses, port: int, field: str, history: str) -> rr.RecordingStream:
+    """Start a server on loopback and make sure that it listens. Raises MonitorError."""
+    native = rerun_bindings.new_blueprint(
+        application_id=APPLICATION, make_default=False, make_thread_default=False, default_enabled=True
+    )
+    host = rr.RecordingStream._from_native(native)  # noqa: SLF001 - the pinned release has no public way
+    pages = [f"http://{name}:{addresses.web_port}" for name in (LOOPBACK, "localhost")]
+    host.set_sinks(
+        rr.GrpcServerSink(
+            LOOPBACK, port, server_memory_limit=history, newest_first=False, cors_allow_origin=pages
+        )
+    )
+    try:
+        host.flush(timeout_sec=START_TIMEOUT_S)
+    except RuntimeError:
+        host.disconnect()
+        raise port_error(field, port) from None
+    return host

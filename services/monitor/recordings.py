@@ -1,0 +1,59 @@
+"""One session's recording file: scene and curves in one `.rrd`, with a footer, nothing overwritten."""
+
+from itertools import count
+from pathlib import Path
+
+import rerun as rr
+
+from services.monitor.blueprint import blueprint
+from services.monitor.config import MonitorError
+from services.monitor.rows import Rows
+from services.monitor.writer import Writer, stream
+
+TICK_S = 0.5
+"""A killed monitor loses no more than this of its file."""
+FLUSH_TIMEOUT_S = 1.0
+
+
+class Recording:
+    """A file that rows are written to until `close`."""
+
+    __slots__ = ("_stream", "_writer", "path")
+
+    def __init__(self, folder: Path, session: str, recording_id: str) -> None:
+        self.path = _new_file(folder, session)
+        self._stream = stream(recording_id, TICK_S, send_properties=True)
+        self._stream.set_sinks(rr.FileSink(self.path, write_footer=True))
+        self._stream.send_recording_name(session)
+        self._stream.send_blueprint(blueprint(), make_active=True, make_default=True)
+        self._writer = Writer(self._stream)
+        self._writer.style_curves()
+
+    def write(self, rows: Rows) -> None:
+        """Write pictures and curves to the file."""
+        for row in (*rows.scene, *rows.curves):
+            self._writer.write(row)
+
+    def close(self) -> None:
+        """Write what is left and the footer; the file is whole afterwards."""
+        self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
+        self._stream.disconnect()
+
+
+def _new_file(folder: Path, session: str) -> Path:
+    """Reserve `<session>.rrd`, or the first of `<session>.2.rrd`, ... that is not there yet."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for number in count(1):
+            path = folder / (f"{session}.rrd" if number == 1 else f"{session}.{number}.rrd")
+            try:
+                path.open("xb").close()
+            except FileExistsError:
+                continue
+            return path
+    except OSError as error:
+        message = (
+            f"cannot write recordings to {folder}: {error.strerror or error}; choose another recording_dir"
+        )
+        raise MonitorError(message) from None
+    raise AssertionError("count() has no end")

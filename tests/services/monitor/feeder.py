@@ -1,0 +1,188 @@
+"""A taught Q-learner on a small room, told in the messages a learner publishes; for tests of the monitor."""
+
+import random
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+from protocol.messages import Decision, Episode, SaidBy, Step, WindowSpec
+from sfid_core.learning.q_learning import greedy, update
+from sfid_core.sokoban.actions import ACTIONS
+from sfid_core.sokoban.board import Board
+from sfid_core.sokoban.levels import parse_levels
+from sfid_core.sokoban.rules import step as taken
+
+ROOM = """
+##########
+#   ##   #
+# .  @ # #
+#  $##   #
+##     . #
+#   $#   #
+#        #
+##########
+"""
+SOLUTION_ROOM = "#####\n#@$.#\n#####"
+GAMMA = 0.9
+WALL_NS = 1_790_000_000 * 10**9
+ACTION_NAMES = tuple(action.name for action in ACTIONS)
+
+
+@dataclass
+class Lesson:
+    """A session being taught; iterate over `messages`."""
+
+    session: str = "lesson"
+    room: str = ROOM
+    episodes: int = 30
+    teachers: Sequence[tuple[str, float]] = (("ada", 0.95), ("ben", 0.8), ("cyd", 0.6))
+    steps_max: int = 120
+    seed: int = 7
+    epoch: int = 1
+    decision: int = 0
+    sequence: int = 0
+    table: dict[bytes, list[float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.start = parse_levels(self.room)[0].start
+        self.rng = random.Random(self.seed)
+        self.distance = _distances(self.start)
+
+    def messages(self) -> Iterator[Decision | Step | Episode]:
+        """Yield decisions, steps and episodes in the order of a learner."""
+        for episode in range(self.episodes):
+            yield from self._episode(episode)
+        yield self._decision(self.start, self.episodes, 0, "finished", None)
+
+    def _episode(self, episode: int) -> Iterator[Decision | Step | Episode]:
+        board, steps = self.start, 0
+        env_td = shaped_td = env_return = shaped_return = 0.0
+        inputs = agreements = 0
+        outcome = "running"
+        while outcome == "running":
+            yield self._decision(board, episode, steps, "asking", None)
+            row = self._row(board)
+            action = greedy(row, self.seed, self.decision)
+            said = self._said(board)
+            agreed = sum(answer.action == ACTION_NAMES[action] for answer in said)
+            h = 0.0 if not said else (1.0 if 2 * agreed > len(said) else -1.0)
+            yield self._decision(board, episode, steps, "executing", ACTION_NAMES[action])
+            after = taken(board, ACTIONS[action]).board
+            solved = after.solved
+            reward = 10.0 if solved else 0.0
+            following = 0.0 if solved else max(self._row(after))
+            errors = update(row, action, reward, h, following, 0.3, GAMMA)
+            outcome = "solved" if solved else ("cap" if steps + 1 == self.steps_max else "running")
+            yield Step(
+                session=self.session,
+                epoch=self.epoch,
+                decision=self.decision,
+                episode=episode,
+                step=steps,
+                at_ns=self._at_ns(),
+                state=board.state_key(),
+                view=board.to_xsb(),
+                action=ACTION_NAMES[action],
+                said=said,
+                label=said[0].action if said else None,
+                h=h,
+                reward=reward,
+                td_error=errors.environment,
+                td_error_shaped=errors.shaped,
+                outcome=outcome,  # type: ignore[arg-type]
+                next_view=after.to_xsb(),
+                values=tuple(row),
+            )
+            env_td += abs(errors.environment)
+            shaped_td += abs(errors.shaped)
+            env_return += GAMMA**steps * reward
+            shaped_return += GAMMA**steps * (reward + h)
+            inputs += len(said)
+            agreements += h > 0
+            steps += 1
+            self.decision += 1
+            board = after
+        yield Episode(
+            session=self.session,
+            epoch=self.epoch,
+            decision=self.decision,
+            at_ns=self._at_ns(),
+            episode=episode,
+            steps=steps,
+            optimal_steps=self.distance.get(self.start.state_key()),
+            abs_td_error=env_td / steps,
+            abs_td_error_shaped=shaped_td / steps,
+            discounted_return=shaped_return,
+            discounted_env_return=env_return,
+            inputs=inputs,
+            agreements=agreements,
+            outcome=outcome,  # type: ignore[arg-type]
+        )
+
+    def _decision(self, board: Board, episode: int, step: int, phase: str, action: str | None) -> Decision:
+        self.sequence += 1
+        return Decision(
+            session=self.session,
+            epoch=self.epoch,
+            sequence=self.sequence,
+            decision=self.decision,
+            episode=episode,
+            step=step,
+            phase=phase,  # type: ignore[arg-type]
+            paused=False,
+            asked="label",
+            state=board.state_key(),
+            view=board.to_xsb(),
+            actions=ACTION_NAMES,
+            action=action,
+            remaining_ms=1000,
+            window=WindowSpec(mode="early", span_ms=1000),
+            teachers=tuple(name for name, _ in self.teachers),
+            teachers_present=len(self.teachers),
+            method="sfid",
+            episodes=self.episodes,
+            optimal_steps=self.distance.get(self.start.state_key()),
+        )
+
+    def _said(self, board: Board) -> tuple[SaidBy, ...]:
+        """Each teacher answers now and then, rightly with their own probability."""
+        best = self._best(board)
+        said = []
+        for name, reliability in self.teachers:
+            if best is None or self.rng.random() < 0.55:
+                continue
+            action = best if self.rng.random() < reliability else self.rng.choice(ACTION_NAMES)
+            said.append(SaidBy(teacher=name, kind="label", action=action))
+        return tuple(said)
+
+    def _best(self, board: Board) -> str | None:
+        reached = {action.name: taken(board, action).board.state_key() for action in ACTIONS}
+        known = {name: self.distance[key] for name, key in reached.items() if key in self.distance}
+        return min(known, key=lambda name: known[name]) if known else None
+
+    def _row(self, board: Board) -> list[float]:
+        return self.table.setdefault(board.state_key(), [0.0] * len(ACTIONS))
+
+    def _at_ns(self) -> int:
+        return WALL_NS + self.decision * 250_000_000
+
+
+def _distances(start: Board) -> dict[bytes, int]:
+    """Steps to the nearest solved board from every board reachable from the start, by a search backwards."""
+    boards = {start.state_key(): start}
+    before: dict[bytes, list[bytes]] = {}
+    open_boards = [start]
+    for board in open_boards:
+        for action in ACTIONS:
+            after = taken(board, action).board
+            before.setdefault(after.state_key(), []).append(board.state_key())
+            if after.state_key() not in boards:
+                boards[after.state_key()] = after
+                open_boards.append(after)
+    distance = {key: 0 for key, board in boards.items() if board.solved}
+    border = list(distance)
+    for key in border:
+        for earlier in before.get(key, ()):
+            if earlier not in distance:
+                distance[earlier] = distance[key] + 1
+                border.append(earlier)
+    return distance
