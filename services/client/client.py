@@ -154,11 +154,12 @@ class Client:
         reward: float | None = None,
         guidance: tuple[str, ...] = (),
         posterior: Mapping[str, float] | None = None,
+        at_ns: int | None = None,
     ) -> bytes:
         """Store an answer, send it until it is acknowledged, and return its id at once.
 
         Args: kind: what is said; None is what the decision asks for.  action: a label, one of
-        `decision.actions`.  reward: in [-1, 1].
+        `decision.actions`.  reward: in [-1, 1].  at_ns: when it was given, now when None.
         Raises: ValueError when the answer does not fit the decision, OutboxError when it cannot be kept.
         """
         answer_id = secrets.token_bytes(16)
@@ -178,7 +179,7 @@ class Client:
             reward=reward,
             guidance=guidance,
             posterior=None if posterior is None else dict(posterior),
-            response_ms=self._response_ms(decision),
+            response_ms=self._response_ms(decision, self._clock.now_ns() if at_ns is None else at_ns),
             token=self._token,
         )
         self._answered = (answer_id, decision.epoch, decision.decision)
@@ -246,11 +247,11 @@ class Client:
         if self._epoch is not None and decision.epoch > self._epoch:
             self._join_afresh()
 
-    def _response_ms(self, decision: Decision) -> int | None:
+    def _response_ms(self, decision: Decision, at_ns: int) -> int | None:
         number, shown_ns = self._shown
         if number != (decision.epoch, decision.decision):
             return None
-        return (self._clock.now_ns() - shown_ns) // 1_000_000
+        return max(0, at_ns - shown_ns) // 1_000_000
 
     def _on_measures(self, received: tuple[bytes, int]) -> None:
         payload, self._heard_ns = received

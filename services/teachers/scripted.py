@@ -7,7 +7,7 @@ from functools import lru_cache
 
 from protocol.keys import Keys
 from protocol.messages import Decision, Step
-from services.client import Client, Learnt, Opened, Refused, Update
+from services.client import Client, Learnt, Opened, Refused, TeachingError, Update
 from services.outbox import Outbox
 from services.runtime.bus import Bus
 from services.runtime.clock import Clock, SystemClock
@@ -22,7 +22,7 @@ _LISTEN_S = 0.2
 _DRAIN_S = 2.0
 
 
-class ScriptedError(Exception):
+class ScriptedError(TeachingError):
     """The scripted teacher cannot teach this session; the message is one line, with the mend."""
 
 
@@ -132,7 +132,7 @@ class _Solver:
             return tuple(action.name for action in self._solutions[key].optimal_actions(board))
         except TooManyStates as error:
             raise ScriptedError(
-                f"the level is beyond the exact solver ({error}); let people teach it, or choose a smaller one"
+                f"the level is beyond the exact solver ({error}); let people teach it or choose a smaller one"
             ) from None
         except LevelError as error:
             raise ScriptedError(

@@ -355,7 +355,8 @@ def test_steps_and_episodes_are_handed_on_and_noise_is_counted() -> None:
     )  # fmt: skip
     episode = Episode(
         session="s1", epoch=1, decision=3, at_ns=2, episode=0, steps=4, abs_td_error=1.0,
-        abs_td_error_shaped=1.0, discounted_return=1.0, discounted_env_return=1.0, inputs=4, agreements=3, outcome="solved",
+        abs_td_error_shaped=1.0, discounted_return=1.0, discounted_env_return=1.0, inputs=4, agreements=3,
+        outcome="solved",
     )  # fmt: skip
     with desk.client as client:
         desk.updates()

@@ -23,8 +23,8 @@ def says(teacher: Script, asked: Decision) -> Said | None:
 def step(number: int, next_view: str, **changes: object) -> Learnt:
     fields: dict[str, object] = {
         "session": "s1", "epoch": 1, "decision": number, "episode": 0, "step": number, "at_ns": 0,
-        "state": b"", "view": "", "action": "LEFT", "h": 0.0, "reward": 0.0, "td_error": 0.0, "td_error_shaped": 0.0,
-        "outcome": "running", "next_view": next_view, "values": (),
+        "state": b"", "view": "", "action": "LEFT", "h": 0.0, "reward": 0.0, "td_error": 0.0,
+        "td_error_shaped": 0.0, "outcome": "running", "next_view": next_view, "values": (),
     }  # fmt: skip
     return Learnt(Step(**(fields | changes)))  # type: ignore[arg-type]
 

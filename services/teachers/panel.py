@@ -1,0 +1,147 @@
+"""What stands beside the grid: lines of text made of a Progress. No terminal here."""
+
+from rich.text import Text
+
+from protocol.messages import Decision, Episode
+from services.teachers.progress import Note, Progress
+
+ARROWS = {"LEFT": "←", "RIGHT": "→", "UP": "↑", "DOWN": "↓"}
+BAR_CELLS = 24
+GOOD, BAD, QUIET, STRONG = "bold #56b4e9", "bold #e69f00", "dim", "bold"
+_BARS = "▁▂▃▄▅▆▇█"
+_PHASES = {
+    "gathering": "waits for teachers",
+    "beginning": "the next episode begins",
+    "ready": "between two decisions",
+    "asking": "",
+    "executing": "the agent acts",
+    "finished": "the session is finished",
+}
+_OUTCOMES = {"solved": "solved", "deadlock": "stuck (deadlock)", "cap": "gave up (step limit)", "running": ""}
+
+
+def title(progress: Progress, session: str, teacher: str) -> Text:
+    """One line: session, teacher, connection."""
+    text = Text(no_wrap=True, overflow="ellipsis")
+    text.append(" SfID ", "bold reverse")
+    text.append(f" session {session}", STRONG)
+    text.append(f"  teacher {teacher}  ")
+    if progress.connected and progress.welcomed:
+        text.append("● connected", GOOD)
+    else:
+        text.append("○ not connected", BAD)
+    return text
+
+
+def situation(progress: Progress, now_ns: int) -> Text:
+    """Return the lines beside the grid."""
+    text = Text()
+    decision = progress.decision
+    if decision is None:
+        text.append("waiting for the first decision…", QUIET)
+        return text
+    text.append(f"Episode {min(decision.episode + 1, decision.episodes)} of {decision.episodes}", STRONG)
+    shortest = "" if decision.optimal_steps is None else f" (shortest {decision.optimal_steps})"
+    text.append(f"   step {decision.step + 1}{shortest}\n\n")
+    text.append_text(question(decision))
+    text.append("\n")
+    text.append_text(window_line(progress, decision, now_ns))
+    text.append("\n\n")
+    text.append_text(_answer_line(progress, decision))
+    text.append("\n\n")
+    text.append_text(_measures(progress, now_ns))
+    text.append_text(_company(decision))
+    return text
+
+
+def question(decision: Decision) -> Text:
+    """What is asked of the teacher now."""
+    if decision.paused:
+        return Text("paused: z goes on", BAD)
+    if decision.phase != "asking":
+        return Text(_PHASES[decision.phase], QUIET)
+    if decision.asked == "label":
+        return Text("Which way would you go?", STRONG)
+    if decision.asked == "reward":
+        move = f"{ARROWS.get(decision.action or '', '')} {decision.action}"
+        return Text.assemble("The agent went ", (move, STRONG), ": + or - ?")
+    return Text(f"asks for {decision.asked}: watch, or abstain", QUIET)
+
+
+def window_line(progress: Progress, decision: Decision, now_ns: int) -> Text:
+    """The window: what is left of it as a bar, its mode and span."""
+    window = decision.window
+    left_ms = progress.remaining_ms(now_ns)
+    text = Text(no_wrap=True)
+    if decision.phase != "asking":
+        text.append("·" * BAR_CELLS, QUIET)
+    elif left_ms is None:
+        text.append("━" * BAR_CELLS, QUIET)
+    else:
+        cells = round(BAR_CELLS * min(1.0, left_ms / window.span_ms))
+        text.append("━" * cells, GOOD if cells > BAR_CELLS // 4 else BAD)
+        text.append("·" * (BAR_CELLS - cells), QUIET)
+        text.append(f" {left_ms / 1000:.1f} s")
+    span = "" if window.mode == "until-answered" else f", {window.span_ms / 1000:g} s"
+    quorum = f", {window.quorum} answers" if window.quorum else ""
+    text.append(f"\nwindow: {window.mode}{span}{quorum}", QUIET)
+    return text
+
+
+def _answer_line(progress: Progress, decision: Decision) -> Text:
+    waits = decision.phase == "asking" and not decision.paused
+    text = Text("you: …" if waits else "you: -", QUIET)
+    if progress.answer_text and not progress.answer_before:
+        text = Text("you: ")
+    elif progress.answer_text:
+        text.append("   before: ")
+    text.append(progress.answer_text, STRONG)
+    text.append(f" {progress.answer_fate}", BAD if progress.answer_bad else GOOD)
+    return text
+
+
+def _measures(progress: Progress, now_ns: int) -> Text:
+    text = Text()
+    if progress.episodes:
+        text.append(f"steps {sparkline([episode.steps for episode in progress.episodes])}\n")
+        text.append(f"last episode: {_result(progress.episodes[-1])}\n")
+    agreement = progress.agreement
+    share = "" if agreement is None else f", {agreement:.0%} agreed"
+    text.append(f"answers {progress.inputs}{share}\n")
+    minutes, seconds = divmod(int(progress.teaching_s(now_ns)), 60)
+    text.append(f"teaching time {minutes}:{seconds:02d}\n")
+    return text
+
+
+def _result(episode: Episode) -> str:
+    shortest = "" if episode.optimal_steps is None else f" (shortest {episode.optimal_steps})"
+    return f"{_OUTCOMES[episode.outcome]} in {episode.steps}{shortest}"
+
+
+def _company(decision: Decision) -> Text:
+    if not decision.teachers_present:
+        return Text()
+    named = ", ".join(decision.teachers[:6])
+    more = decision.teachers_present - min(6, len(decision.teachers))
+    return Text(f"teachers: {named}" + (f" and {more} more" if more > 0 else ""), QUIET)
+
+
+def sparkline(numbers: list[int], cells: int = BAR_CELLS) -> str:
+    """Return the latest numbers as bars, the greatest of them the full height."""
+    latest = numbers[-cells:]
+    top = max([*latest, 1])
+    return "".join(_BARS[min(len(_BARS) - 1, number * len(_BARS) // (top + 1))] for number in latest)
+
+
+def key_line(decision: Decision | None) -> str:
+    """The keys that do something now."""
+    if decision is not None and decision.asked == "reward":
+        says = "+ = p praise  - b blame"
+    else:
+        says = "arrows hjkl wasd: your way"
+    return f"{says}  space: nothing to say  m , . window  z pause  ? help  q leave"
+
+
+def note_line(note: Note) -> Text:
+    """One line for the teacher."""
+    return Text(note.text, BAD if note.bad else "", no_wrap=True, overflow="ellipsis")
