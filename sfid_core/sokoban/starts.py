@@ -117,12 +117,12 @@ def start_states(level: Level, solution: Solution | None, spec: Starts, key: int
 def _start_ids(
     level: Level, solution: Solution | None, spec: Starts, key: int
 ) -> npt.NDArray[np.int64] | None:
-    """Return the ids of the starts, None for the own start of a level that is not solved."""
+    """Return the ids of the starts, None for the level's own start alone."""
     if spec.kind in {StartKind.FIXED, StartKind.SAMPLE}:
         _check_own_start(level, solution)
+    if spec.kind is StartKind.FIXED:
+        return None
     if solution is None:
-        if spec.kind is StartKind.FIXED:
-            return None
         message = 'the level has too many states to draw starts from; use starts "1", the level\'s own start'
         raise WorldError(message)
     pool = solution.solvable_states()
@@ -138,7 +138,7 @@ def _start_ids(
         message = f"starts: {spec.count} asked for, but the level has only {len(pool)} that can be solved"
         raise WorldError(message)
     others = pool[pool != own]
-    drawn = _drawn(stream(key, "sample"), len(others), spec.count - 1 if spec.kind is StartKind.SAMPLE else 0)
+    drawn = _drawn(stream(key, "sample"), len(others), spec.count - 1)
     return np.array([own, *others[drawn]], dtype=np.int64)
 
 

@@ -1,5 +1,6 @@
 """State tables, exact distances and sound deadlocks, against brute force that shares no code with them."""
 
+import tracemalloc
 from itertools import combinations
 from pathlib import Path
 
@@ -219,6 +220,28 @@ def test_what_is_called_surely_deadlocked_is_deadlocked(level: Level) -> None:
 )
 def test_dead_cells_and_frozen_boxes_are_seen(rows: str, *, dead: bool) -> None:
     assert surely_deadlocked(parse_levels(rows)[0].start) == dead
+
+
+def test_twelve_million_states_would_be_solved_within_250_megabytes() -> None:
+    rows = [
+        "##########",
+        "#@       #",
+        "# $ $    #",
+        "# . . .  #",
+        "#   $    #",
+        *["#        #"] * 3,
+        "##########",
+    ]
+    level = parse_levels("\n".join(rows))[0]
+    n_states = count_states(level)
+    tracemalloc.start()
+    try:
+        solution = solve(level)
+        _, peak_bytes = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert (solution.table.n_states, n_states) == (1_552_320, 1_552_320)
+    assert 12_000_000 * peak_bytes / n_states < 250e6
 
 
 @pytest.mark.skipif(not BOXOBAN.exists(), reason="the Boxoban test levels are not on this machine")
