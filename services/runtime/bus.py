@@ -77,10 +77,10 @@ class Topics(Protocol):
     """Publish and subscribe: fast, and droppable."""
 
     def publish(self, key: str, payload: bytes) -> None:
-        """Send `payload` to the present subscribers of `key` without waiting for anyone, or lose it in silence.
+        """Send `payload` to the present subscribers of `key`, without waiting for anyone.
 
-        The messages of one sender arrive in order. They are lost when a receiver is too slow, while the bus is
-        not connected, and after close(); there is no history for late subscribers.
+        The messages of one sender arrive in order. They are lost in silence when a receiver is too slow,
+        while the bus is not connected, and after close(); there is no history for late subscribers.
         """
 
     def subscribe(self, key_expression: str, receive: Callable[[Received], None]) -> None:
@@ -93,7 +93,8 @@ class Requests(Protocol):
     def serve(self, key_expression: str, receive: Callable[[Request], None]) -> None:
         """Call `receive` with every request on a matching key from now on, across reconnections.
 
-        Where several buses serve one key, one of them gets the request. One bus serves a key once.
+        Where several buses serve one key, one of them gets the request: the asker's own if it is among them.
+        One bus serves a key once.
         """
 
     def ask(self, key: str, payload: bytes, receive: Callable[[Reply | None], None], timeout_ms: int) -> None:

@@ -109,10 +109,9 @@ class MemoryBus:
         """See Topics."""
         received = Received(checked_key(key), bytes(payload))
         with self.hub.lock:
-            if self.online:
-                subscriptions = chain.from_iterable(bus.subscriptions for bus in self.hub.buses if bus.online)
-                for subscription in _matching(key, subscriptions):
-                    self.hub.enqueue(partial(subscription.call, "subscribe", received))
+            subscriptions = chain.from_iterable(bus.subscriptions for bus in self._reachable())
+            for subscription in _matching(key, subscriptions):
+                self.hub.enqueue(partial(subscription.call, "subscribe", received))
         self.hub.settle()
 
     def subscribe(self, key_expression: str, receive: Callable[[Received], None]) -> None:
@@ -134,7 +133,7 @@ class MemoryBus:
             message = f"timeout_ms = {timeout_ms}: an ask needs a positive timeout"
             raise ValueError(message)
         with self.hub.lock:
-            servers = chain.from_iterable(bus.servers for bus in self.hub.buses if bus.online and self.online)
+            servers = chain.from_iterable(bus.servers for bus in self._reachable())
             server = next(iter(_matching(key, servers)), None)
             if server is None:
                 self.hub.enqueue(partial(self.guard.call, "ask", receive, None))
@@ -201,10 +200,17 @@ class MemoryBus:
             self.hub.buses.remove(self)
         self.hub.settle()
 
+    def _reachable(self) -> list["MemoryBus"]:
+        """This bus first, then the others, unless it is cut off; nobody once it is closed."""
+        if self.closed:
+            return []
+        others = [bus for bus in self.hub.buses if bus is not self and bus.online and self.online]
+        return [self, *others]
+
     def _change_online(self, *, online: bool) -> None:
         self.online = online
         if not online:
-            for ask in [ask for ask in self.hub.asks if self in (ask.asker, ask.server)]:
+            for ask in [ask for ask in self.hub.asks if self in {ask.asker, ask.server}]:
                 ask.finish(None)
         self.hub.update_presence()
         for receive in self._connection_watchers:
@@ -229,13 +235,9 @@ class _Declared(Generic[T]):
         self.key_expression = key_expression
         self._receive = receive
 
-    def tell(self, what: str, argument: T) -> bool:
-        """Hand `argument` to the callback, also while cut off, and return whether it did not raise."""
-        return self.bus.closed or self.bus.guard.call(what, self._receive, argument)
-
     def call(self, what: str, argument: T) -> bool:
-        """Hand `argument` to the callback unless cut off by now, and return whether it did not raise."""
-        return not self.bus.online or self.tell(what, argument)
+        """Hand `argument` to the callback, unless closed by now, and return whether it did not raise."""
+        return self.bus.closed or self.bus.guard.call(what, self._receive, argument)
 
 
 class _Watch:
@@ -253,7 +255,7 @@ class _Watch:
         changes += [Presence(key, present=True) for key in sorted(matching - self._told)]
         self._told = matching
         for change in changes:
-            declared.bus.hub.enqueue(partial(declared.tell, "watch", change))
+            declared.bus.hub.enqueue(partial(declared.call, "watch", change))
 
 
 class _Ask:

@@ -12,7 +12,7 @@ from zenoh.handlers import Callback
 
 from services.runtime.bus import CALLBACK_FAILED, BusError, Presence, Received, Reply, Request
 from services.runtime.callback_guard import CallbackGuard
-from services.runtime.key_expression import checked_key, checked_key_expression
+from services.runtime.key_expression import checked_key, checked_key_expression, matches
 from services.runtime.zenoh_config import LinkLimits, client_config, router_config, split_endpoint
 
 __all__ = ["ZenohBus", "ZenohRouter", "client_config", "open_bus", "router_config"]
@@ -35,6 +35,7 @@ class ZenohBus:
         self._watchers: list[Callable[[bool], None]] = []
         self._asks: set[_Ask] = set()
         self._declared: list[object] = []
+        self._served: list[str] = []
         self._session = _open_session(client_config(endpoint, limits), _no_router(endpoint))
         # Without this a session left open at interpreter exit could call into a Python that is gone.
         atexit.register(self.close)
@@ -49,8 +50,12 @@ class ZenohBus:
 
     def publish(self, key: str, payload: bytes) -> None:
         """See Topics."""
+        checked_key(key)
+        if self._closed:
+            # Not left to Zenoh: a daemon thread inside it while the interpreter ends aborts the process.
+            return
         try:
-            self._session.put(checked_key(key), payload, congestion_control=zenoh.CongestionControl.DROP)
+            self._session.put(key, payload, congestion_control=zenoh.CongestionControl.DROP)
         except zenoh.ZError:
             if not self._closed:
                 raise
@@ -78,6 +83,7 @@ class ZenohBus:
             return self._session.declare_queryable(key, _direct(on_query), complete=True)
 
         self._declare(key_expression, declare)
+        self._served.append(key_expression)
 
     def ask(self, key: str, payload: bytes, receive: Callable[[Reply | None], None], timeout_ms: int) -> None:
         """See Requests."""
@@ -85,6 +91,11 @@ class ZenohBus:
         if timeout_ms <= 0:
             message = f"timeout_ms = {timeout_ms}: an ask needs a positive timeout"
             raise ValueError(message)
+        if self._closed:
+            self._guard.call("ask", receive, None)
+            return
+        # Left to itself Zenoh would ask a server on this bus and one elsewhere, both.
+        local = any(matches(key_expression, key) for key_expression in self._served)
         asked = _Ask(self._guard, receive, self._asks.discard)
         self._asks.add(asked)
         try:
@@ -95,9 +106,11 @@ class ZenohBus:
                 timeout=timeout_ms / 1000,
                 # The first reply is handed on at once instead of held back until the query has ended.
                 consolidation=zenoh.ConsolidationMode.NONE,
-                # Blocking would let one stuck asker hold up the server's link for 5 s; a lost ask is repeated.
+                # Blocking would let one stuck asker hold up the server's link for 5 s; asks are repeated.
+                # Not express: unbatched, a burst of 1000 asks of 100 B loses hundreds, batched none, and a
+                # single round trip takes the same time.
                 congestion_control=zenoh.CongestionControl.DROP,
-                express=True,
+                allowed_destination=zenoh.Locality.SESSION_LOCAL if local else zenoh.Locality.REMOTE,
             )
         except zenoh.ZError:
             asked.on_end()
@@ -181,7 +194,7 @@ class _ZenohRequest:
 
     def reply(self, payload: bytes) -> None:
         """See Request."""
-        self._answer(lambda query: query.reply(self.key, payload, express=True))
+        self._answer(lambda query: query.reply(self.key, payload))
 
     def reply_error(self, payload: bytes) -> None:
         """See Request."""

@@ -26,8 +26,9 @@ class LinkLimits:
     retry_ms_max: int = 500
     """Longest wait before connecting again: a restarted router has its clients back in about 0.6 s."""
 
-    open_timeout_ms: int = 2000
-    """Most time for the handshake with a router that accepts but does not speak (as one that is stopped)."""
+    open_timeout_ms: int = 1000
+    """Most time for the handshake with a router that accepts but does not speak (one that is stopped).
+    Opening, and closing while reconnecting, can take so long; it is 2 ms with a router that is well."""
 
     message_bytes_max: int = 65536
     """Largest payload. The router drops larger ones in silence, whoever sends them: Zenoh's own

@@ -1,0 +1,28 @@
+"""A router in a process of its own, for tests that need a real one to talk through, to kill or to stop."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+_ROUTE = """
+import sys, threading
+from services.router import RouterConfig, run
+stop = threading.Event()
+threading.Thread(target=lambda: (sys.stdin.read(), stop.set()), daemon=True).start()
+run(RouterConfig(sys.argv[1]), lambda: print("ready", flush=True), stop)
+"""
+
+
+@contextmanager
+def router_process(endpoint: str) -> Iterator[subprocess.Popen[str]]:
+    """Run a router at `endpoint` in another process; it ends with the block, or with this process."""
+    command = [sys.executable, "-c", _ROUTE, endpoint]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "ready\n"
+            yield process
+        finally:
+            process.kill()
+            process.wait()

@@ -1,0 +1,99 @@
+"""The router service: ready, stopped, and every refusal with its mend."""
+
+import queue
+import socket
+import threading
+
+import pytest
+
+from services.router import RouterConfig, RouterError, free_endpoint, run
+from services.runtime.zenoh_bus import open_bus
+from services.runtime.zenoh_config import client_config, is_loopback, router_config, split_endpoint
+
+DEADLINE_S = 5.0
+
+
+def never_ready() -> None:
+    raise AssertionError("the router must not start")
+
+
+@pytest.mark.real
+def test_a_router_is_ready_before_clients_come_and_frees_its_endpoint_when_stopped() -> None:
+    config = RouterConfig(free_endpoint())
+    stop = threading.Event()
+    ready: queue.SimpleQueue[bool] = queue.SimpleQueue()
+    for _ in range(2):
+        stop.clear()
+        thread = threading.Thread(target=run, args=(config, lambda: ready.put(item=True), stop))
+        thread.start()
+        try:
+            assert ready.get(timeout=DEADLINE_S)
+            bus = open_bus(config.listen, timeout_ms=0)
+            assert bus.connected()
+            bus.close()
+        finally:
+            stop.set()
+            thread.join(DEADLINE_S)
+        assert not thread.is_alive()
+
+
+@pytest.mark.real
+def test_a_taken_endpoint_is_named_with_its_mend() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        listen = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        with pytest.raises(RouterError) as caught:
+            run(RouterConfig(listen), never_ready, threading.Event())
+    assert str(caught.value) == (
+        f"cannot listen at {listen}: another program has it, stop that one or pass another --listen"
+    )
+
+
+@pytest.mark.parametrize(
+    "listen", ["tcp/0.0.0.0:7447", "tcp/[::]:7447", "tcp/192.0.2.1:7447", "tcp/lab.example:7447"]
+)
+def test_an_endpoint_open_to_the_network_is_refused_and_the_flag_is_named(listen: str) -> None:
+    with pytest.raises(RouterError) as caught:
+        run(RouterConfig(listen), never_ready, threading.Event())
+    assert str(caught.value) == (
+        f"{listen} can be reached from other machines and asks nobody for a password: listen at "
+        "tcp/127.0.0.1:7447, or pass --insecure-bind if you trust everybody on that network"
+    )
+
+
+@pytest.mark.real
+def test_the_flag_lets_it_listen_to_the_network() -> None:
+    stop = threading.Event()
+    stop.set()
+    ready: queue.SimpleQueue[bool] = queue.SimpleQueue()
+    _, _, port = split_endpoint(free_endpoint())
+    run(RouterConfig(f"tcp/0.0.0.0:{port}", insecure_bind=True), lambda: ready.put(item=True), stop)
+    assert ready.get_nowait()
+
+
+def test_a_malformed_endpoint_is_refused_with_an_example() -> None:
+    with pytest.raises(
+        RouterError, match=r"'7447' is not of the form tcp/HOST:PORT, as in tcp/127\.0\.0\.1:7447"
+    ):
+        run(RouterConfig("7447"), never_ready, threading.Event())
+
+
+def test_loopback_is_told_from_the_rest() -> None:
+    assert [is_loopback(f"tcp/{host}:1") for host in ("127.0.0.1", "127.9.9.9", "[::1]", "localhost")] == [
+        True
+    ] * 4
+    assert [is_loopback(f"tls/{host}:1") for host in ("192.168.0.1", "[::]", "10.0.0.1", "localhost.lab")] == [
+        False
+    ] * 4
+
+
+def test_neither_clients_nor_the_router_find_others_by_themselves_or_share_memory() -> None:
+    for config in (client_config("tcp/127.0.0.1:1"), router_config("tcp/127.0.0.1:1")):
+        assert config["scouting"] == {
+            "multicast": {"enabled": False},
+            "gossip": {"enabled": False},
+            "delay": 0,
+        }
+        assert config["transport"]["shared_memory"] == {"enabled": False}
+    assert client_config("tcp/127.0.0.1:1")["connect"]["endpoints"] == ["tcp/127.0.0.1:1"]
+    assert "listen" not in client_config("tcp/127.0.0.1:1")
+    assert router_config("tcp/127.0.0.1:1")["listen"]["endpoints"] == ["tcp/127.0.0.1:1"]
