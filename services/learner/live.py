@@ -29,6 +29,7 @@ class LiveSession:
     """The deadline for which a timer was set last."""
     asked: int = 0
     """Number of the latest question to the environment; answers to earlier ones are ignored."""
+    begin_timeout_ms: int = 1_000
     environment_lost: bool = False
     failure: str = ""
     """Why the session was stopped before its end, if it was."""

@@ -109,6 +109,7 @@ class Reception:
 
     def _join(self, live: LiveSession, message: Join, request: Request) -> None:
         session, learner = live.session, self._learner
+        learner.is_present(live, message.teacher)
         finished = session.phase is Phase.FINISHED
         if message.teacher not in session.teachers and not finished:
             if len(session.teachers) >= learner.config.teachers_max:

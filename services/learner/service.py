@@ -97,7 +97,8 @@ class Learner:
                     live.name, live.session.episode, live.session.decision, self.shard.epoch,
                     (self.at_ns() - started_ns) / 1e6,
                 )  # fmt: skip
-        self.call_later(self.config.teachers_gone_ms, self._mark_gone, None)
+        before = frozenset((live.name, name) for live in self.sessions.values() for name in live.session.teachers)
+        self.call_later(self.config.teachers_gone_ms, self._mark_gone, before)
 
     def _declare(self) -> None:
         keys, enqueue = self.keys, self._receive
@@ -283,13 +284,17 @@ class Learner:
             self.happen(live, TeacherLeft(teacher))
             log.info("session %s: teacher %s is gone", session, teacher)
 
-    def _mark_gone(self, _argument: None) -> None:
-        """After a restart, let those go whose tokens did not come back."""
-        for live in self.sessions.values():
-            for teacher in sorted(live.session.teachers):
-                if (live.name, teacher) not in self._present and live.session.phase is not Phase.FINISHED:
-                    self.happen(live, TeacherLeft(teacher))
-                    log.info("session %s: teacher %s did not come back", live.name, teacher)
+    def _mark_gone(self, expected: frozenset[tuple[str, str]]) -> None:
+        """After a restart, let those go who taught before it and whose tokens did not come back."""
+        for name, teacher in sorted(expected - self._present):
+            live = self.sessions[name]
+            if teacher in live.session.teachers and live.session.phase is not Phase.FINISHED:
+                self.happen(live, TeacherLeft(teacher))
+                log.info("session %s: teacher %s did not come back", name, teacher)
+
+    def is_present(self, live: LiveSession, teacher: str) -> None:
+        """Note that a teacher was heard from, token or not."""
+        self._present.add((live.name, teacher))
 
     # ------------------------------------------------------------ durability
 

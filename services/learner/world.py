@@ -17,9 +17,11 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("sfid.learner")
 
-EXECUTE_TIMEOUT_MS = 1_000
-BEGIN_TIMEOUT_MS = 30_000
-"""Solving the largest level takes about 5 s; a dead environment is noticed at once, not by this timeout."""
+EXECUTE_TIMEOUT_MS = 500
+"""A query can be lost on its way, and asking again is free: the environment executes a decision once."""
+BEGIN_TIMEOUT_MS = 1_000
+BEGIN_TIMEOUT_MS_MAX = 32_000
+"""Solving the largest level takes about 5 s, so each further question waits twice as long as the one before."""
 RETRY_MS = 100
 
 
@@ -41,6 +43,7 @@ class WorldDesk:
     def begin(self, live: LiveSession) -> None:
         """Ask for the start of the session's episode."""
         live.actions_taken.clear()
+        live.begin_timeout_ms = BEGIN_TIMEOUT_MS
         self._begin(live)
 
     def _begin(self, live: LiveSession) -> None:
@@ -53,7 +56,7 @@ class WorldDesk:
             world=config.world,
             actions=tuple(live.actions_taken),
         )
-        self._ask(live, "begin", message, BEGIN_TIMEOUT_MS)
+        self._ask(live, "begin", message, live.begin_timeout_ms)
 
     def execute(self, live: LiveSession) -> None:
         """Ask for the step of the session's decision."""
@@ -143,6 +146,7 @@ class WorldDesk:
         if live.session.phase is Phase.EXECUTING:
             self.execute(live)
         elif live.session.phase is Phase.BEGINNING:
+            live.begin_timeout_ms = min(2 * live.begin_timeout_ms, BEGIN_TIMEOUT_MS_MAX)
             self._begin(live)
 
     def _give_up(self, live: LiveSession, reason: str) -> None:
