@@ -205,7 +205,7 @@ class Peer:
         except subprocess.TimeoutExpired:
             raise PeerUnavailableError("not installable: pip took over 300 s") from None
         if done.returncode:
-            raise PeerUnavailableError(f"not installable: {_last_line(done.stderr)}")
+            raise PeerUnavailableError(f"not installable: {_reason(done.stderr)}")
         (home / "play.py").write_text(program, encoding="utf-8")
         self._errors = (home / "errors.txt").open("w+", encoding="utf-8")
         self._process = subprocess.Popen(
@@ -228,7 +228,7 @@ class Peer:
         except (OSError, ValueError):
             process.wait(10)
             self._errors.seek(0)
-            raise PeerUnavailableError(f"not playable: {_last_line(self._errors.read())}") from None
+            raise PeerUnavailableError(f"not playable: {_reason(self._errors.read())}") from None
 
     def close(self) -> None:
         """End the process."""
@@ -237,9 +237,11 @@ class Peer:
         self._errors.close()
 
 
-def _last_line(text: str) -> str:
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("WARNING")]
-    return lines[-1].strip()[:200] if lines else "no reason given"
+def _reason(text: str) -> str:
+    """Return the line of an error output that says most: the last that names an error, else the last."""
+    lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith("WARNING")]
+    errors = [line for line in lines if "Error:" in line or line.startswith("ERROR:")]
+    return [*lines, *errors][-1][:200] if lines else "no reason given"
 
 
 def contestants_here() -> list[Contestant]:
