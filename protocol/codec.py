@@ -12,6 +12,9 @@ PAYLOAD_MAX = 65_536
 """64 KiB. The largest honest message (a level of 16 KiB with its view) is a third of it; a lying length
 costs no memory."""
 
+_BYTES = (bytes,)
+"""Bytes are bytes on this wire; msgspec would else read text as base64 into them."""
+
 M = TypeVar("M", bound=Wire)
 
 
@@ -33,7 +36,7 @@ class DecodeError(ValueError):
 
 def encode(message: Wire) -> bytes:
     """Return the message as a msgpack map with its `type` and `schema`."""
-    return msgpack.packb(msgspec.to_builtins(message, builtin_types=(bytes,)))  # type: ignore[no-any-return]
+    return msgpack.packb(msgspec.to_builtins(message, builtin_types=_BYTES))  # type: ignore[no-any-return]
 
 
 def decode(payload: bytes, expected: type[M]) -> M:
@@ -43,33 +46,37 @@ def decode(payload: bytes, expected: type[M]) -> M:
     """
     if len(payload) > PAYLOAD_MAX:
         raise DecodeError(DecodeFault.TOO_LONG, f"{len(payload)} bytes, the limit is {PAYLOAD_MAX}")
+    value = unpack(payload)
+    # msgspec asks for the tag only where it has to choose between types, and `schema` has a default.
+    if type(value) is dict and not ("type" in value and "schema" in value):
+        raise DecodeError(DecodeFault.NOT_THE_SCHEMA, "`type` or `schema` is missing")
     try:
-        return msgspec.convert(unpack(payload), expected)
+        return msgspec.convert(value, expected, builtin_types=_BYTES)
     except msgspec.ValidationError as error:
         raise DecodeError(DecodeFault.NOT_THE_SCHEMA, printable(str(error))) from None
 
 
 def unpack(payload: bytes) -> Any:  # noqa: ANN401 - any msgpack value, checked by the caller's schema
-    """Return the plain value that the payload holds: no extension types, no key twice in the outer map.
+    """Return the plain value that the payload holds: no extension types, no key twice in a map.
 
     Raises: DecodeError.
     """
     try:
-        value = msgpack.unpackb(payload, raw=False, strict_map_key=True, ext_hook=_no_extension)
+        return msgpack.unpackb(
+            payload, raw=False, strict_map_key=True, object_pairs_hook=_each_once, ext_hook=_no_extension
+        )
     except DecodeError:
         raise
     except (ValueError, TypeError, RecursionError, OverflowError, msgpack.UnpackException) as error:
         raise DecodeError(DecodeFault.NOT_MSGPACK, printable(str(error) or type(error).__name__)) from None
-    if type(value) is dict and len(value) != _map_length(payload):
+
+
+def _each_once(pairs: list[tuple[Any, Any]]) -> dict[Any, Any]:
+    """Build a map in which each key stands once: of two, readers in other languages may take either."""
+    found = dict(pairs)
+    if len(found) != len(pairs):
         raise DecodeError(DecodeFault.NOT_MSGPACK, "a key stands twice")
-    return value
-
-
-def _map_length(payload: bytes) -> int:
-    """Return the number of pairs that the header of the outer map announces: fixmap, map 16 or map 32."""
-    if payload[0] <= 0x8F:  # fixmap is 0x80 to 0x8f
-        return payload[0] & 0x0F
-    return int.from_bytes(payload[1 : 3 if payload[0] == 0xDE else 5], "big")  # 0xde is map 16
+    return found
 
 
 def _no_extension(code: int, _data: bytes) -> Any:  # noqa: ANN401 - it never returns

@@ -9,11 +9,13 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
-SCHEMA = 1
 Schema = Literal[1]
-Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,47}$")]
-ActionName = Annotated[str, Meta(pattern=r"^[A-Z][A-Z0-9_]{0,31}$")]
+SCHEMA: Schema = 1
+# \Z and not $: a dollar also matches before a line feed at the end, and "ann\n" would be a name.
+Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,47}\Z")]
+ActionName = Annotated[str, Meta(pattern=r"^[A-Z][A-Z0-9_]{0,31}\Z")]
 Id = Annotated[bytes, Meta(min_length=16, max_length=16)]
+Check = Annotated[bytes, Meta(min_length=8, max_length=8)]
 StateKey = Annotated[bytes, Meta(max_length=32)]
 Count = Annotated[int, Meta(ge=0, le=2**53 - 1)]
 Nanoseconds = Annotated[int, Meta(ge=0, le=2**63 - 1)]
@@ -179,7 +181,7 @@ class Acknowledgement(Wire, frozen=True, kw_only=True, tag="acknowledgement"):
     answer_id: Id
     code: Literal["accepted", "superseded", "late", "rejected", "conflict"]
     reason: Text = ""
-    check: Annotated[bytes, Meta(max_length=8)]
+    check: Check
     epoch: Count
     journal_seq: Count
 
@@ -217,7 +219,7 @@ class World(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     kind: Literal["sokoban"] = "sokoban"
     level: Annotated[str, Meta(max_length=16_384)]
     level_name: Text = "level"
-    starts: Annotated[str, Meta(pattern=r"^([1-9][0-9]{0,6}|all|within:[1-9][0-9]{0,6})$")] = "4"
+    starts: Annotated[str, Meta(pattern=r"^([1-9][0-9]{0,6}|all|within:[1-9][0-9]{0,6})\Z")] = "4"
     goal_reward: Finite = 10.0
     step_reward: Finite = 0.0
     deadlock_reward: Finite = -10.0
@@ -233,7 +235,7 @@ class CreateSession(Wire, frozen=True, kw_only=True, tag="create-session"):
     alpha: Finite = 0.1
     gamma: Finite = 0.9
     episodes: Annotated[int, Meta(ge=1, le=1_000_000)] = 30
-    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
+    seed: Count = 0
     window: WindowSpec
     teachers_min: Annotated[int, Meta(ge=0, le=1000)] = 1
 
@@ -246,7 +248,7 @@ class SessionQuery(Wire, frozen=True, kw_only=True, tag="session-query"):
     """Where the episodes of a report begin; a report holds at most 100."""
 
 
-class LabelTotals(Struct, frozen=True, kw_only=True):
+class LabelTotals(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What became of a session's answers; submitted = applied + superseded + late + rejected + pending."""
 
     submitted: Count
