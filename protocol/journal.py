@@ -1,13 +1,14 @@
 """The journal's records: events of a session as bodies of rows, and rows as a session again.
 
-An answer's body is what its teacher was told and the message as they sent it, without the identity token. A closing by the clock is folded
-into the step that it led to (`elapsed_at_ns`), unless something else happened in between.
+An answer's body is what its teacher was told and the message as they sent it, without the identity token.
+A closing by the clock is folded into the step that it led to (`elapsed_at_ns`), unless something else
+happened in between.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -65,7 +66,7 @@ class Record(NamedTuple):
 
 
 def without_token(message: Answer, payload: bytes) -> bytes:
-    """Return an answer's payload as it is journaled and compared: without its token, for a journal holds no secrets."""
+    """Return an answer's payload as it is journaled and compared: a journal holds no secrets, so no token."""
     return payload if message.token is None else encode(msgspec.structs.replace(message, token=None))
 
 
@@ -86,26 +87,19 @@ def read_answer_body(body: bytes) -> tuple[AnswerCode, str, bytes]:
 def event_body(event: Event) -> tuple[Kind, bytes]:
     """Return kind and body of any event but an answer and a step, which have their own functions."""
     match event:
-        case TeacherJoined(teacher):
-            return Kind.JOINED, pack(teacher)
-        case TeacherLeft(teacher):
-            return Kind.LEFT, pack(teacher)
-        case EpisodeBegan(episode, state, view, optimal_steps):
-            return Kind.BEGAN, pack([episode, state, view, optimal_steps])
         case WindowElapsed():
             return Kind.ELAPSED, b""
+        case EpisodeBegan(episode, state, view, optimal_steps):
+            return Kind.BEGAN, pack([episode, state, view, optimal_steps])
         case WindowChanged(by, window):
             return Kind.WINDOW, pack([by, window.mode.value, window.span_ms, window.quorum])
-        case Paused(by):
-            return Kind.PAUSED, pack(by)
-        case Resumed(by):
-            return Kind.RESUMED, pack(by)
-        case Stopped(by):
-            return Kind.STOPPED, pack(by)
+        case TeacherJoined(value) | TeacherLeft(value) | Paused(value) | Resumed(value) | Stopped(value):
+            return _KIND_OF[type(event)], pack(value)
         case Restarted(epoch):
             return Kind.RESTARTED, pack(epoch)
-    message = f"{type(event).__name__} has a body function of its own"
-    raise TypeError(message)
+        case _:
+            message = f"{type(event).__name__} has a body function of its own"
+            raise TypeError(message)
 
 
 def step_body(event: StepTaken, elapsed_at_ns: int | None) -> bytes:
@@ -156,7 +150,9 @@ def fold(records: Iterable[Record]) -> Folded | None:
         except (UnknownAction, ValueError, TypeError, IndexError) as error:
             if isinstance(error, DecodeError):
                 raise
-            raise DecodeError(DecodeFault.NOT_THE_SCHEMA, f"{record.kind} row: {printable(str(error))}") from None
+            raise DecodeError(
+                DecodeFault.NOT_THE_SCHEMA, f"{record.kind} row: {printable(str(error))}"
+            ) from None
     return folded
 
 
@@ -212,10 +208,10 @@ def _small_event(kind: Kind, value: object) -> Event:
     if kind is Kind.WINDOW:
         by, mode, span_ms, quorum = value  # type: ignore[misc]
         return WindowChanged(by, Window(WindowMode(mode), span_ms, quorum))  # type: ignore[has-type]
-    return _BY_NAME[kind](value)  # type: ignore[arg-type, return-value]
+    return _BY_NAME[kind](value)
 
 
-_BY_NAME = {
+_BY_NAME: dict[Kind, Callable[[Any], Event]] = {
     Kind.JOINED: TeacherJoined,
     Kind.LEFT: TeacherLeft,
     Kind.PAUSED: Paused,
@@ -223,3 +219,4 @@ _BY_NAME = {
     Kind.STOPPED: Stopped,
     Kind.RESTARTED: Restarted,
 }
+_KIND_OF = {event: kind for kind, event in _BY_NAME.items()}

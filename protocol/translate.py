@@ -25,7 +25,7 @@ def action_names(_world: wire.World) -> tuple[str, ...]:
 
 
 def config_of(message: wire.CreateSession) -> SessionConfig:
-    """Return the core's configuration; raise ParameterError with the mend when a value is out of its range."""
+    """Return the core's configuration; raise ParameterError with the mend when a value is out of range."""
     world = message.world
     spec = WorldSpec(
         world.level,
@@ -85,6 +85,14 @@ def answer_given(message: wire.Answer, numbers: Mapping[str, int]) -> AnswerGive
 
 
 _KINDS = {kind.value: kind for kind in AnswerKind}
+_ASKED: dict[AnswerKind | None, wire.Asked] = {
+    None: "nothing",
+    AnswerKind.LABEL: "label",
+    AnswerKind.REWARD: "reward",
+    AnswerKind.GUIDANCE: "guidance",
+    AnswerKind.UNDO: "undo",
+    AnswerKind.MISTAKE: "mistake",
+}
 
 
 def _posterior(posterior: Mapping[str, float], numbers: Mapping[str, int]) -> tuple[float, ...]:
@@ -108,7 +116,7 @@ def decision_message(session: Session, actions: Sequence[str], sequence: int, at
         step=session.step,
         phase=session.phase.value,
         paused=session.paused,
-        asked="nothing" if asks is None else asks.value,
+        asked=_ASKED[asks],
         state=session.state,
         view=session.view if judging is None else judging.view,
         actions=tuple(actions),

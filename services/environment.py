@@ -1,7 +1,7 @@
 """The environment service: it owns the worlds and executes what learners decide.
 
-It keeps nothing on disk. An episode is rebuilt from its seed and its actions, so a learner that meets an environment
-without memory begins the episode again with the actions already taken (`Begin.actions`).
+It keeps nothing on disk. An episode is rebuilt from its seed and its actions, so a learner that meets an
+environment without memory begins the episode again with the actions already taken (`Begin.actions`).
 """
 
 import logging
@@ -62,7 +62,11 @@ class Environment:
     def handle(self, verb: str, payload: bytes) -> Wire:
         """Return the reply to a request; a Refusal says in one line what is wrong."""
         try:
-            reply = self._begin(decode(payload, Begin)) if verb == "begin" else self._execute(decode(payload, ExecuteAction))
+            reply = (
+                self._begin(decode(payload, Begin))
+                if verb == "begin"
+                else self._execute(decode(payload, ExecuteAction))
+            )
         except DecodeError as error:
             reply = Refusal(code="malformed", reason=str(error))
         except (LevelError, WorldError) as error:
@@ -79,7 +83,9 @@ class Environment:
         start = board = world.begin(request.episode)
         for steps_done, name in enumerate(request.actions):
             board = world.execute(board, Action[name], steps_done).board
-        self._episodes[request.session] = _Episode(request.epoch, request.episode, world, board, len(request.actions))
+        self._episodes[request.session] = _Episode(
+            request.epoch, request.episode, world, board, len(request.actions)
+        )
         if request.actions:
             log.info(
                 "session %s: episode %d restored from its seed and %d actions",
@@ -107,15 +113,26 @@ class Environment:
     def _execute(self, request: ExecuteAction) -> Wire:
         running = self._episodes.get(request.session)
         if running is None:
-            return Refusal(code="unknown-session", reason=f"no episode of session {request.session} runs here: begin it")
+            return Refusal(
+                code="unknown-session", reason=f"no episode of session {request.session} runs here: begin it"
+            )
         if request.epoch < running.epoch:
             return _stale(request.epoch, running.epoch)
         if request.decision == running.decision and request.action == running.action:
             return decode(running.answered, Executed)
-        if (request.episode, request.step, request.state) != (running.episode, running.steps, running.board.state_key()):
-            return Refusal(code="unknown-session", reason="the episode stands elsewhere: begin it with the actions taken")
+        if (request.episode, request.step, request.state) != (
+            running.episode,
+            running.steps,
+            running.board.state_key(),
+        ):
+            return Refusal(
+                code="unknown-session", reason="the episode stands elsewhere: begin it with the actions taken"
+            )
         if request.action not in Action.__members__:
-            return Refusal(code="invalid", reason=f"no action {request.action}: use one of {', '.join(Action.__members__)}")
+            return Refusal(
+                code="invalid",
+                reason=f"no action {request.action}: use one of {', '.join(Action.__members__)}",
+            )
         done = running.world.execute(running.board, Action[request.action], running.steps)
         running.board, running.steps = done.board, running.steps + 1
         reply = Executed(
@@ -134,7 +151,9 @@ def _rules(spec: WorldSpec) -> WorldConfig:
 
 
 def _stale(epoch: int, newest: int) -> Refusal:
-    return Refusal(code="denied", reason=f"epoch {epoch} is over: a learner of epoch {newest} owns the session")
+    return Refusal(
+        code="denied", reason=f"epoch {epoch} is over: a learner of epoch {newest} owns the session"
+    )
 
 
 def run(config: EnvironmentConfig, bus: Bus, ready: Callable[[], None], stop: threading.Event) -> None:
@@ -148,7 +167,9 @@ def run(config: EnvironmentConfig, bus: Bus, ready: Callable[[], None], stop: th
             if inbox.qsize() < INBOX_MAX:
                 inbox.put((verb, request))
             else:
-                request.reply_error(encode(Refusal(code="busy", reason="the environment's inbox is full: ask again")))
+                request.reply_error(
+                    encode(Refusal(code="busy", reason="the environment's inbox is full: ask again"))
+                )
 
         return enqueue
 

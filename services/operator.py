@@ -4,7 +4,7 @@ import queue
 import time
 from typing import TypeVar
 
-from protocol.codec import decode, encode
+from protocol.codec import DecodeError, decode, encode
 from protocol.keys import Keys
 from protocol.messages import (
     Control,
@@ -77,11 +77,20 @@ class Operator:
             reply = replies.get()
             if reply is not None and reply.ok:
                 return decode(reply.payload, expected)
-            if reply is not None:
-                refusal = decode(reply.payload, Refusal)
-                if refusal.code not in ("busy", "not-durable"):
-                    raise OperatorError(refusal.reason)
+            what = "no learner answers here" if reply is None else _reason_to_wait(reply.payload)
             if time.monotonic() >= until:
-                what = "no learner answers here" if reply is None else refusal.reason
-                raise OperatorError(f"{what}: start one with `sfid up` or `sfid learner`, or check --connect and --deployment")
+                raise OperatorError(
+                    f"{what}: start one with `sfid up` or `sfid learner`, or check --connect and --deployment"
+                )
             time.sleep(RETRY_S)
+
+
+def _reason_to_wait(payload: bytes) -> str:
+    """Return why the learner could not serve the request just now; raise OperatorError when it never will."""
+    try:
+        refusal = decode(payload, Refusal)
+    except DecodeError:
+        raise OperatorError("the learner failed on this request: its log says why") from None
+    if refusal.code not in {"busy", "not-durable"}:
+        raise OperatorError(refusal.reason)
+    return refusal.reason

@@ -2,7 +2,6 @@
 
 import json
 import logging
-import os
 import signal
 import socket
 import subprocess
@@ -59,7 +58,9 @@ class Supervisor:
     changed: called with the running processes after every start.
     """
 
-    def __init__(self, log_dir: Path | None, changed: Callable[[list[tuple[str, int]]], None] | None = None) -> None:
+    def __init__(
+        self, log_dir: Path | None, changed: Callable[[list[tuple[str, int]]], None] | None = None
+    ) -> None:
         self._log_dir = log_dir
         self._changed = changed
         self._running: dict[str, _Running] = {}
@@ -113,7 +114,12 @@ class Supervisor:
         try:
             process.wait(DRAIN_TIMEOUT_S)
         except subprocess.TimeoutExpired:
-            log.warning("%s (pid %d) did not drain in %.0f s: killed", running.service.name, process.pid, DRAIN_TIMEOUT_S)
+            log.warning(
+                "%s (pid %d) did not drain in %.0f s: killed",
+                running.service.name,
+                process.pid,
+                DRAIN_TIMEOUT_S,
+            )
             process.kill()
             process.wait()
         running.line.close()
@@ -124,7 +130,7 @@ class Supervisor:
         command += ["--supervised-fd", str(theirs.fileno())]
         stderr = None if self._log_dir is None else (self._log_dir / f"{service.name}.log").open("ab")
         try:
-            process = subprocess.Popen(  # noqa: S603 - our own program with our own arguments
+            process = subprocess.Popen(
                 command, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL, stdout=stderr, stderr=stderr,
                 start_new_session=True,
             )  # fmt: skip
@@ -174,7 +180,9 @@ class Supervisor:
         how = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
         recent = [start for start in running.started if time.monotonic() - start < RESTARTS_WINDOW_S]
         if len(recent) > RESTARTS_MAX:
-            self._failure = SupervisorError(f"{name} {how} and was restarted {RESTARTS_MAX} times: see its log", 1)
+            self._failure = SupervisorError(
+                f"{name} {how} and was restarted {RESTARTS_MAX} times: see its log", 1
+            )
             return
         log.warning("%s (pid %d) %s: starting it again", name, running.process.pid, how)
         try:
@@ -196,4 +204,4 @@ def write_processes(path: Path, processes: list[tuple[str, int]]) -> None:
     """Write who runs under which process id, for tools and tests; replaced whole."""
     temporary = path.with_suffix(".part")
     temporary.write_text(json.dumps([{"role": name, "pid": pid} for name, pid in processes]) + "\n")
-    os.replace(temporary, path)
+    temporary.replace(path)

@@ -1,6 +1,7 @@
 """Who runs, and what each role says and hears on the bus: the system as data.
 
-compose.yaml, the supervisor and the access control of the router are made from, or checked against, this one table.
+compose.yaml, the supervisor and the access control of the router are made from, or checked against, this one
+table.
 """
 
 from dataclasses import dataclass
@@ -78,6 +79,11 @@ def topology(keys: Keys) -> tuple[Node, ...]:
             Role.OPERATOR,
             "the command line: creates, lists, shows and controls sessions",
             subscribes=(keys.decision(), keys.measures()),
-            asks=(keys.learner("create"), keys.learner("list"), keys.learner("show"), keys.control(teacher="operator")),
+            asks=(
+                keys.learner("create"),
+                keys.learner("list"),
+                keys.learner("show"),
+                keys.control(teacher="operator"),
+            ),
         ),
     )

@@ -60,23 +60,32 @@ class _Plan:
     deployed: launch.Deployed
 
 
-def demo(  # noqa: PLR0913 - one argument a flag
+def demo(  # noqa: PLR0917 - one argument a flag
     level: Level = "room",
     method: Method = "sfid",
     teacher: Annotated[
-        str, typer.Option(help="Scripted teachers, one or several by comma: expert, naive, absent-minded; or none.")
+        str,
+        typer.Option(
+            help="Scripted teachers, one or several by comma: expert, naive, absent-minded; or none."
+        ),
     ] = "expert",
     episodes: Episodes = 30,
     starts: Starts = "4",
     seed: Seed = 0,
-    data: Annotated[Path | None, typer.Option(help="Data directory; a new one under sfid-data/ if not given.")] = None,
-    viewer: Annotated[bool, typer.Option(help="Run the Rerun monitor, at a pace that can be watched.")] = True,
+    data: Annotated[
+        Path | None, typer.Option(help="Data directory; a new one under sfid-data/ if not given.")
+    ] = None,
+    viewer: Annotated[
+        bool, typer.Option(help="Run the Rerun monitor, at a pace that can be watched.")
+    ] = True,
     pace_ms: Annotated[int | None, typer.Option(help="Thinking time of the teachers in ms.")] = None,
     json: Json = False,
 ) -> None:
-    """Run router, environment, learner, scripted teacher and monitor; teach 30 episodes; print the measures."""
+    """Run router, environment, learner, scripted teacher and monitor; teach; print the measures."""
     teachers = _teachers(teacher)
-    waits = WindowSpec(mode="until-answered", span_ms=2_000) if teachers else WindowSpec(mode="early", span_ms=1)
+    waits = (
+        WindowSpec(mode="until-answered", span_ms=2_000) if teachers else WindowSpec(mode="early", span_ms=1)
+    )
     config = session_config("demo", level, method, episodes, starts, seed, waits, len(teachers))
     pace = (VIEWER_PACE_MS if viewer else 0) if pace_ms is None else pace_ms
     deployed = launch.Deployed(data or _new_directory(), free_endpoint(), "demo")
@@ -90,7 +99,9 @@ def _teachers(text: str) -> tuple[str, ...]:
     names = () if text == "none" else tuple(text.split(","))
     for name in names:
         if name not in TEACHERS:
-            message = f"unknown teacher {name!r}: choose from {', '.join(TEACHERS)}, several by comma, or none"
+            message = (
+                f"unknown teacher {name!r}: choose from {', '.join(TEACHERS)}, several by comma, or none"
+            )
             raise CommandError(message)
     return names
 
@@ -123,9 +134,15 @@ def _run(plan: _Plan) -> tuple[SessionReport, list[Episode], list[tuple[str, int
     try:
         logs = launch.make_directories(plan.deployed.data)
     except OSError as error:
-        message = f"{plan.deployed.data}: {error.strerror or error}: name a --data directory that can be written"
+        message = (
+            f"{plan.deployed.data}: {error.strerror or error}: name a --data directory that can be written"
+        )
         raise CommandError(message) from None
-    logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[RichHandler(console=plan.console, show_path=False)])
+    logging.basicConfig(
+        level=logging.INFO,
+        format="%(message)s",
+        handlers=[RichHandler(console=plan.console, show_path=False)],
+    )
     supervisor = launch.supervise(plan.deployed.data, logs)
     bus: ZenohBus | None = None
     try:
@@ -185,7 +202,11 @@ def _named_afresh(operator: Operator, config: CreateSession) -> CreateSession:
 
 
 def _await_end(
-    plan: _Plan, config: CreateSession, supervisor: Supervisor, operator: Operator, news: queue.SimpleQueue[bytes]
+    plan: _Plan,
+    config: CreateSession,
+    supervisor: Supervisor,
+    operator: Operator,
+    news: queue.SimpleQueue[bytes],
 ) -> tuple[SessionReport, list[Episode]]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=plan.console, disable=not sys.stderr.isatty()) as progress:
@@ -220,7 +241,12 @@ def _episodes_done(news: queue.SimpleQueue[bytes]) -> int:
 
 
 def _print_result(
-    plan: _Plan, report: SessionReport, rows: list[Episode], processes: list[tuple[str, int]], *, as_json: bool
+    plan: _Plan,
+    report: SessionReport,
+    rows: list[Episode],
+    processes: list[tuple[str, int]],
+    *,
+    as_json: bool,
 ) -> None:
     recordings = sorted((plan.deployed.data / "recordings").glob(f"{report.summary.session}*.rrd"))
     recording = str(recordings[-1]) if recordings else None
@@ -235,7 +261,11 @@ def _print_result(
     console = Console()
     print_episodes(console, rows)
     console.print(labels_line(report.labels), highlight=False)
-    console.print(f"teaching time {report.teaching_ns / 1e9:.1f} s, q_sha256 {report.q_sha256}", highlight=False, soft_wrap=True)
+    console.print(
+        f"teaching time {report.teaching_ns / 1e9:.1f} s, q_sha256 {report.q_sha256}",
+        highlight=False,
+        soft_wrap=True,
+    )
     console.print(f"check it: sfid replay {plan.deployed.data} --verify", highlight=False, soft_wrap=True)
     if recording:
         console.print(f"watch it again: rerun {recording}", highlight=False, soft_wrap=True)

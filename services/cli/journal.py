@@ -24,7 +24,9 @@ DirectoryArgument = Annotated[Path, typer.Argument(help="Data directory of a lea
 def replay(
     directory: DirectoryArgument,
     session: Annotated[str | None, typer.Option(help="Only this session.")] = None,
-    verify: Annotated[bool, typer.Option("--verify", help="Exit 1 unless every noted digest is rebuilt.")] = False,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Exit 1 unless every noted digest is rebuilt.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Rebuild Q from the journal alone and compare its SHA-256 with the one that was noted."""
@@ -42,7 +44,8 @@ def replay(
     else:
         for one in replayed:
             verdict = {True: "matches", False: "DIFFERS", None: "no digest noted yet"}[one.matches]
-            print(f"{one.session}: {one.events} events, {one.episodes} episodes, q_sha256 {one.q_sha256}: {verdict}")
+            counts = f"{one.events} events, {one.episodes} episodes"
+            print(f"{one.session}: {counts}, q_sha256 {one.q_sha256}: {verdict}")
     if verify and not all(one.matches for one in replayed):
         raise typer.Exit(NOT_SO)
 
@@ -56,10 +59,16 @@ def verify(directory: DirectoryArgument, json: Json = False) -> None:
     found = verify_journal(directory)
     if json:
         print_json(
-            {"ok": found.ok, "sessions": found.sessions, "labels": found.labels, "problems": list(found.problems)}
+            {
+                "ok": found.ok,
+                "sessions": found.sessions,
+                "labels": found.labels,
+                "problems": list(found.problems),
+            }
         )
     else:
-        print(f"{'ok' if found.ok else 'NOT OK'}: {found.sessions} sessions, {found.labels} labels, {found.rows} rows")
+        verdict = "ok" if found.ok else "NOT OK"
+        print(f"{verdict}: {found.sessions} sessions, {found.labels} labels, {found.rows} rows")
         for problem in found.problems:
             print(f"  {problem}")
     if not found.ok:

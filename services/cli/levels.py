@@ -10,7 +10,9 @@ from services.cli.options import Json, print_json
 from sfid_core.sokoban.board import Level
 from sfid_core.sokoban.levels import load_bytes, packaged, packaged_levels
 
-levels_app = typer.Typer(help="Sokoban levels: what is packaged, what a file holds.", no_args_is_help=True, rich_markup_mode=None)
+levels_app = typer.Typer(
+    help="Sokoban levels: what is packaged, what a file holds.", no_args_is_help=True, rich_markup_mode=None
+)
 
 
 def add_to(app: typer.Typer) -> None:
@@ -24,10 +26,7 @@ def find_level(text: str) -> tuple[str, Level]:
     Raises: CommandError or LevelError, one line with the mend.
     """
     where, number = _split(text)
-    if where in packaged_levels():
-        levels = packaged(where)
-    else:
-        levels = load_bytes(_read(where), where)
+    levels = packaged(where) if where in packaged_levels() else load_bytes(_read(where), where)
     if number >= len(levels):
         message = f"{where} has {len(levels)} levels: name one from {where}:0 to {where}:{len(levels) - 1}"
         raise CommandError(message)
@@ -47,7 +46,9 @@ def _read(where: str) -> bytes:
         return Path(where).read_bytes()
     except OSError as error:
         names = ", ".join(packaged_levels())
-        message = f"no level {where!r}: {error.strerror or error}: name a packaged set ({names}) or a file in XSB"
+        message = (
+            f"no level {where!r}: {error.strerror or error}: name a packaged set ({names}) or a file in XSB"
+        )
         raise CommandError(message) from None
 
 

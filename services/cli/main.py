@@ -1,6 +1,7 @@
 """`sfid`: assembles the commands and turns every failure into one line and an exit code."""
 
 import sys
+from typing import NoReturn
 
 import typer
 from typer.exceptions import TyperException
@@ -20,7 +21,10 @@ INTERRUPTED = 130
 
 app = typer.Typer(
     name="sfid",
-    help="Teach a reinforcement-learning agent live: say which action you would take, and agreement becomes its reward.",
+    help=(
+        "Teach a reinforcement-learning agent live: "
+        "say which action you would take, and agreement becomes its reward."
+    ),
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
@@ -38,10 +42,18 @@ def main() -> None:
         _fail(str(error), error.exit_code)
     except SupervisorError as error:
         _fail(str(error), error.exit_code)
-    except (BusError, JournalError, RouterError, ParameterError, LevelError, WorldError, TeachingError) as error:
+    except (
+        BusError,
+        JournalError,
+        RouterError,
+        ParameterError,
+        LevelError,
+        WorldError,
+        TeachingError,
+    ) as error:
         _fail(str(error), BAD_USAGE)
     except TyperException as error:
-        said = getattr(error, "format_message", lambda: str(error))()
+        said = error.format_message()
         _fail(f"{said.rstrip('.')}: `sfid --help` and `sfid COMMAND --help` show what there is", BAD_USAGE)
     except (KeyboardInterrupt, typer.Abort):
         sys.exit(INTERRUPTED)
@@ -50,7 +62,7 @@ def main() -> None:
     sys.exit(code or 0)
 
 
-def _fail(message: str, code: int) -> None:
+def _fail(message: str, code: int) -> NoReturn:
     sys.stdout.flush()
     print(f"sfid: {message}", file=sys.stderr, flush=True)
     sys.exit(code)

@@ -16,10 +16,15 @@ SupervisedFd = Annotated[int | None, typer.Option(hidden=True, help="The line to
 Verbose = Annotated[bool, typer.Option(help="Log more.")]
 Data = Annotated[Path, typer.Option(help="Directory of the deployment's journal, logs and recordings.")]
 Method = Annotated[str, typer.Option(help="Learning method: sfid, reward or q-learning.")]
-Level = Annotated[str, typer.Option(help="A packaged level's name, or FILE[:N]: the level N (from 0) of an XSB file.")]
+Level = Annotated[
+    str, typer.Option(help="A packaged level's name, or FILE[:N]: the level N (from 0) of an XSB file.")
+]
 Episodes = Annotated[int, typer.Option(help="Number of episodes, 1 to 1,000,000.")]
 Starts = Annotated[
-    str, typer.Option(help='Start states: "1" the level\'s own, a number N of drawn ones, "all", or "within:STEPS".')
+    str,
+    typer.Option(
+        help='Start states: "1" the level\'s own, a number N of drawn ones, "all", or "within:STEPS".'
+    ),
 ]
 Seed = Annotated[int, typer.Option(help="Seed of every draw, 0 to 2^63-1.")]
 

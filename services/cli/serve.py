@@ -27,7 +27,8 @@ def add_to(app: typer.Typer) -> None:
 def router(
     listen: Annotated[str, typer.Option(help="Endpoint to listen at, tcp/HOST:PORT.")] = ENDPOINT,
     insecure_bind: Annotated[
-        bool, typer.Option(help="Listen where other machines reach it, although nobody is asked for a password.")
+        bool,
+        typer.Option(help="Listen where other machines reach it, although nobody is asked for a password."),
     ] = False,
     verbose: Verbose = False,
     supervised_fd: SupervisedFd = None,
@@ -79,11 +80,13 @@ def learner(
         bus.close()
 
 
-def monitor(
+def monitor(  # noqa: PLR0917 - one argument a flag
     recordings: Annotated[Path, typer.Option(help="Directory for the .rrd recordings.")],
     connect: Connect = ENDPOINT,
     deployment: Deployment = "local",
-    scene_port: Annotated[int, typer.Option(help="Port of the picture's stream; 0 takes a free one.")] = 19876,
+    scene_port: Annotated[
+        int, typer.Option(help="Port of the picture's stream; 0 takes a free one.")
+    ] = 19876,
     curves_port: Annotated[int, typer.Option(help="Port of the curves' stream; 0 takes a free one.")] = 19877,
     web_port: Annotated[int, typer.Option(help="Port of the viewer's web page; 0 takes a free one.")] = 19090,
     viewer: Annotated[bool, typer.Option(help="Serve viewers; otherwise only record.")] = True,

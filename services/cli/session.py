@@ -32,7 +32,9 @@ from sfid_core.learning.methods import METHODS
 from sfid_core.session.config import WindowMode
 from sfid_core.sokoban.starts import Starts as StartsSpec
 
-session_app = typer.Typer(help="Create, watch and control teaching sessions.", no_args_is_help=True, rich_markup_mode=None)
+session_app = typer.Typer(
+    help="Create, watch and control teaching sessions.", no_args_is_help=True, rich_markup_mode=None
+)
 SessionName = Annotated[str, typer.Argument(help="Name of the session: a-z, 0-9, - and _.")]
 SEED_MAX = 2**63 - 1
 
@@ -42,7 +44,7 @@ def add_to(app: typer.Typer) -> None:
     app.add_typer(session_app, name="session")
 
 
-def session_config(  # noqa: PLR0913 - one argument a flag
+def session_config(  # noqa: PLR0917 - one argument a flag
     name: str,
     level: str,
     method: str,
@@ -109,7 +111,7 @@ def operator(connect: str, deployment: str) -> Iterator[Operator]:
 
 
 @session_app.command()
-def create(  # noqa: PLR0913 - one argument a flag
+def create(  # noqa: PLR0917 - one argument a flag
     name: SessionName,
     level: Level = "room",
     method: Method = "sfid",
@@ -141,26 +143,33 @@ def list_sessions(connect: Connect = ENDPOINT, deployment: Deployment = "local",
     if json:
         print_json([
             {"session": row.session, "method": row.method, "level": row.level_name, "phase": row.phase,
-             "paused": row.paused, "episode": row.episode, "episodes": row.episodes, "teachers": list(row.teachers)}
+             "paused": row.paused, "episode": row.episode, "episodes": row.episodes,
+             "teachers": list(row.teachers)}
             for row in sessions
         ])  # fmt: skip
         return
     for row in sessions:
         state = "paused" if row.paused else row.phase
         teachers = ", ".join(row.teachers) or "nobody"
-        print(f"{row.session}: {row.method} on {row.level_name}, episode {row.episode}/{row.episodes}, {state}, {teachers}")
+        done = f"episode {row.episode}/{row.episodes}"
+        print(f"{row.session}: {row.method} on {row.level_name}, {done}, {state}, {teachers}")
     if not sessions:
         print("no sessions yet: `sfid session create NAME` creates one")
 
 
 @session_app.command()
-def show(name: SessionName, connect: Connect = ENDPOINT, deployment: Deployment = "local", json: Json = False) -> None:
+def show(
+    name: SessionName, connect: Connect = ENDPOINT, deployment: Deployment = "local", json: Json = False
+) -> None:
     """Show a session's measures."""
     with operator(connect, deployment) as asked:
         report, episodes = asked.show(name)
     if json:
         document = report_document(report, episodes)
-        print_json(document | {"phase": report.summary.phase, "malformed": report.malformed, "failure": report.failure})
+        print_json(
+            document
+            | {"phase": report.summary.phase, "malformed": report.malformed, "failure": report.failure}
+        )
         return
     print_episodes(Console(), episodes)
     print(labels_line(report.labels))

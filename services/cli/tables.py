@@ -42,7 +42,9 @@ def report_document(report: SessionReport, episodes: Sequence[Episode]) -> dict[
 
 def print_episodes(console: Console, episodes: Sequence[Episode]) -> None:
     """Print the table of the four measures per episode."""
-    table = Table(title="Episodes", caption="|TD error|: mean of |delta| of Eq. 2; return: sum of gamma^t (r + h)")
+    table = Table(
+        title="Episodes", caption="|TD error|: mean of |delta| of Eq. 2; return: sum of gamma^t (r + h)"
+    )
     for name in ("episode", "outcome"):
         table.add_column(name)
     for name in ("steps", "optimal", "|TD error|", "return", "env return", "inputs"):

@@ -19,7 +19,9 @@ from services.cli.options import (
 )
 from services.runtime.process import ProcessConfig, ServiceProcess
 
-teach_app = typer.Typer(help="Teach a session, in person or by script.", no_args_is_help=True, rich_markup_mode=None)
+teach_app = typer.Typer(
+    help="Teach a session, in person or by script.", no_args_is_help=True, rich_markup_mode=None
+)
 SessionOption = Annotated[str, typer.Option(help="Session to teach.")]
 NameOption = Annotated[str, typer.Option(help="Pseudonym of the teacher: a-z, 0-9, - and _.")]
 
@@ -39,7 +41,7 @@ def _names(session: str, name: str, deployment: str) -> Keys:
 
 
 @teach_app.command()
-def scripted(  # noqa: PLR0913 - one argument a flag
+def scripted(  # noqa: PLR0917 - one argument a flag
     session: SessionOption,
     name: NameOption = "expert",
     error_rate: Annotated[float, typer.Option(help="Share of answers that are wrong, 0 to 1.")] = 0.0,
@@ -58,8 +60,8 @@ def scripted(  # noqa: PLR0913 - one argument a flag
     keys = _names(session, name, deployment)
     process = ServiceProcess(ProcessConfig(f"teacher-{name}", supervised_fd, verbose))
     config = ScriptedConfig(
-        session=session, teacher=name, seed=seed, error_rate=error_rate, silence_rate=silence_rate, delay_ms=delay_ms,
-        deployment=keys.deployment,
+        session=session, teacher=name, seed=seed, error_rate=error_rate, silence_rate=silence_rate,
+        delay_ms=delay_ms, deployment=keys.deployment,
     )  # fmt: skip
     bus = open_bus(connect, SERVICE_CONNECT_TIMEOUT_MS)
     try:
@@ -74,7 +76,9 @@ def keyboard(
     name: NameOption = "me",
     connect: Connect = ENDPOINT,
     deployment: Deployment = "local",
-    outbox: Annotated[Path | None, typer.Option(help="File that keeps unsent answers; one per teacher by default.")] = None,
+    outbox: Annotated[
+        Path | None, typer.Option(help="File that keeps unsent answers; one per teacher by default.")
+    ] = None,
 ) -> None:
     """Teach with the keyboard, in this terminal."""
     from services.runtime.zenoh_bus import open_bus

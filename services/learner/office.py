@@ -66,9 +66,13 @@ class Office:
         if present is not None:
             if present.config == message:
                 return None
-            return Refusal(code="conflict", reason=f"session {message.session} exists with another content: name another")
+            return Refusal(
+                code="conflict", reason=f"session {message.session} exists with another content: name another"
+            )
         if len(learner.sessions) >= learner.config.sessions_max:
-            return Refusal(code="busy", reason=f"this learner has {learner.config.sessions_max} sessions: start another")
+            return Refusal(
+                code="busy", reason=f"this learner has {learner.config.sessions_max} sessions: start another"
+            )
         live = created(message)
         learner.sessions[message.session] = live
         at_ns = learner.at_ns()

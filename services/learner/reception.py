@@ -81,11 +81,16 @@ class Reception:
         if before != kept:
             at_ns = self._learner.at_ns()
             self._learner.append(live, Kind.CONFLICT, kept, at_ns, None, message.teacher)
-            code, reason = AnswerCode.CONFLICT, "this id came before with another content: make a new id for a new answer"
+            code, reason = (
+                AnswerCode.CONFLICT,
+                "this id came before with another content: make a new id for a new answer",
+            )
         self._acknowledge(request, message.answer_id, code, reason, row.seq)
         return True
 
-    def _acknowledge(self, request: Request, answer_id: bytes, code: AnswerCode, reason: str, seq: int) -> None:
+    def _acknowledge(
+        self, request: Request, answer_id: bytes, code: AnswerCode, reason: str, seq: int
+    ) -> None:
         reply = Acknowledgement(
             answer_id=answer_id,
             code=code.value,
@@ -113,10 +118,18 @@ class Reception:
         finished = session.phase is Phase.FINISHED
         if message.teacher not in session.teachers and not finished:
             if len(session.teachers) >= learner.config.teachers_max:
-                raise Refused("busy", f"session {live.name} has {learner.config.teachers_max} teachers: use an aggregator")
+                raise Refused(
+                    "busy",
+                    f"session {live.name} has {learner.config.teachers_max} teachers: use an aggregator",
+                )
             live.known.add(message.teacher)
             learner.happen(live, TeacherJoined(message.teacher))
-            log.info("session %s: teacher %s joined (%s)", live.name, message.teacher, message.client or "client unnamed")
+            log.info(
+                "session %s: teacher %s joined (%s)",
+                live.name,
+                message.teacher,
+                message.client or "client unnamed",
+            )
         at_ns = learner.at_ns()
         latest = live.episodes_at[-EPISODES_SHOWN:]
         welcome = Welcome(
@@ -149,7 +162,9 @@ class Reception:
             raise Refused("denied", "the key names another session or teacher than the message")
         live = self._learner.sessions.get(session)
         if live is None:
-            raise Refused("unknown-session", f"no session {session} here: `sfid session list` shows what there is")
+            raise Refused(
+                "unknown-session", f"no session {session} here: `sfid session list` shows what there is"
+            )
         return live
 
     def _refuse(self, request: Request, error: Exception) -> None:
@@ -177,4 +192,9 @@ def _event_of(message: Control) -> Event:
         if message.window is None:
             raise Refused("invalid", "a change of the window gives the window: mode, span_ms, quorum")
         return WindowChanged(message.teacher, window_of(message.window))
-    return {"pause": Paused, "resume": Resumed, "stop": Stopped}[message.verb](message.teacher)
+    events: dict[str, type[Paused | Resumed | Stopped]] = {
+        "pause": Paused,
+        "resume": Resumed,
+        "stop": Stopped,
+    }
+    return events[message.verb](message.teacher)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from protocol.codec import encode
 from protocol.journal import Kind, Record, digest_body, event_body, fold, step_body
 from protocol.keys import Keys
-from protocol.messages import Refusal, Wire
+from protocol.messages import Decision, Refusal, Wire
 from protocol.translate import decision_message, episode_message, step_message
 from services.learner.config import LearnerConfig
 from services.learner.live import LiveSession, recovered
@@ -39,7 +39,7 @@ from sfid_core.session.state import Phase
 log = logging.getLogger("sfid.learner")
 
 BATCH_MAX = 256
-"""Messages handled before the group is committed: bounds how long the first of them waits for its acknowledgement."""
+"""Messages handled before a commit: bounds how long the first of them waits for its acknowledgement."""
 COMMIT_RETRY_MS = 500
 
 
@@ -53,7 +53,7 @@ class _Item(NamedTuple):
 
 
 class Learner:
-    """All sessions of one shard. Bus callbacks only enqueue; everything else happens in `turn`, on one thread."""
+    """All sessions of one shard. Bus callbacks only enqueue; the rest happens in `turn`, on one thread."""
 
     def __init__(self, config: LearnerConfig, bus: Bus, shard: Shard, clock: Clock) -> None:
         self.config = config
@@ -84,7 +84,9 @@ class Learner:
         """Rebuild every session from the journal and take up its thread; then serve."""
         started_ns = self.at_ns()
         for name in self.shard.sessions():
-            rows = (Record(row.kind, row.at_ns, row.body) for row in self.shard.rows(name) if row.body is not None)
+            rows = (
+                Record(row.kind, row.at_ns, row.body) for row in self.shard.rows(name) if row.body is not None
+            )
             folded = fold(rows)
             if folded is not None:
                 self.sessions[name] = recovered(folded)
@@ -97,7 +99,9 @@ class Learner:
                     live.name, live.session.episode, live.session.decision, self.shard.epoch,
                     (self.at_ns() - started_ns) / 1e6,
                 )  # fmt: skip
-        before = frozenset((live.name, name) for live in self.sessions.values() for name in live.session.teachers)
+        before = frozenset(
+            (live.name, name) for live in self.sessions.values() for name in live.session.teachers
+        )
         self.call_later(self.config.teachers_gone_ms, self._mark_gone, before)
 
     def _declare(self) -> None:
@@ -115,7 +119,9 @@ class Learner:
             if self._inbox.qsize() < self.config.inbox_max:
                 self._inbox.put(_Item(handle, request, request))
             else:
-                request.reply_error(encode(Refusal(code="busy", reason="the learner's inbox is full: send it again")))
+                request.reply_error(
+                    encode(Refusal(code="busy", reason="the learner's inbox is full: send it again"))
+                )
 
         return enqueue
 
@@ -214,8 +220,14 @@ class Learner:
             live.elapsed_at_ns = None
 
     def append(
-        self, live: LiveSession, kind: Kind, body: bytes, at_ns: int, unique: bytes | None = None, person: str | None = None
-    ) -> int:  # fmt: skip
+        self,
+        live: LiveSession,
+        kind: Kind,
+        body: bytes,
+        at_ns: int,
+        unique: bytes | None = None,
+        person: str | None = None,
+    ) -> int:
         """Append a row to the open group and return its number; it is durable after the next commit."""
         if self._uncommitted_since_ns is None:
             self._uncommitted_since_ns = at_ns
@@ -228,7 +240,8 @@ class Learner:
             match effect:
                 case StepDone(measures):
                     self.bus.publish(
-                        self.keys.measures(live.name), encode(step_message(measures, live.session, live.actions, at_ns))
+                        self.keys.measures(live.name),
+                        encode(step_message(measures, live.session, live.actions, at_ns)),
                     )
                 case Execute():
                     self.world.execute(live)
@@ -249,9 +262,13 @@ class Learner:
 
     def _episode_done(self, live: LiveSession, at_ns: int, measures: Any) -> None:  # noqa: ANN401 - EpisodeMeasures
         live.episodes_at.append((at_ns, live.session.decision, measures))
-        self.bus.publish(self.keys.measures(live.name), encode(episode_message(measures, live.session, at_ns)))
+        self.bus.publish(
+            self.keys.measures(live.name), encode(episode_message(measures, live.session, at_ns))
+        )
         done = measures.episode + 1
-        if done & (done - 1) == 0:  # at 1, 2, 4, 8 ... episodes: a growing table is hashed a bounded number of times
+        if (
+            done & (done - 1) == 0
+        ):  # at 1, 2, 4, 8 ... episodes: a growing table is hashed a bounded number of times
             self.note_digest(live)
 
     def publish_decision(self, live: LiveSession, at_ns: int) -> None:
@@ -259,14 +276,16 @@ class Learner:
         live.sequence += 1
         self.bus.publish(self.keys.decision(live.name), encode(self.decision(live, at_ns)))
 
-    def decision(self, live: LiveSession, at_ns: int) -> Wire:
+    def decision(self, live: LiveSession, at_ns: int) -> Decision:
         """Return the decision as it stands."""
         return decision_message(live.session, live.actions, live.sequence, at_ns)
 
     def note_digest(self, live: LiveSession) -> None:
         """Journal the SHA-256 of the table as it stands."""
         self.journal_elapsed(live)
-        self.append(live, Kind.DIGEST, digest_body(live.session, live.session.method.table.sha256()), self.at_ns())
+        self.append(
+            live, Kind.DIGEST, digest_body(live.session, live.session.method.table.sha256()), self.at_ns()
+        )
 
     # ------------------------------------------------------------ presence
 
@@ -337,7 +356,9 @@ class Learner:
         self._commit()
 
 
-def run(config: LearnerConfig, bus: Bus, clock: Clock, ready: Callable[[], None], stop: threading.Event) -> None:
+def run(
+    config: LearnerConfig, bus: Bus, clock: Clock, ready: Callable[[], None], stop: threading.Event
+) -> None:
     """Open the journal, take up every session and serve until `stop` is set."""
     with Shard.open(config.data_dir, config.shard) as shard:
         learner = Learner(config, bus, shard, clock)

@@ -1,4 +1,4 @@
-"""The learner's side of the environment: it asks until it is answered, and restores an environment that forgot."""
+"""The learner's side of the environment: asks until it is answered, restores an environment that forgot."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ EXECUTE_TIMEOUT_MS = 500
 """A query can be lost on its way, and asking again is free: the environment executes a decision once."""
 BEGIN_TIMEOUT_MS = 1_000
 BEGIN_TIMEOUT_MS_MAX = 32_000
-"""Solving the largest level takes about 5 s, so each further question waits twice as long as the one before."""
+"""Solving the largest level takes about 5 s, so each further question waits twice as long as the last."""
 RETRY_MS = 100
 
 
@@ -94,7 +94,9 @@ class WorldDesk:
 
     def _took(self, live: LiveSession, verb: str, payload: bytes) -> None:
         try:
-            message: Begun | Executed = decode(payload, Begun) if verb == "begin" else decode(payload, Executed)
+            message: Begun | Executed = (
+                decode(payload, Begun) if verb == "begin" else decode(payload, Executed)
+            )
         except DecodeError as error:
             self._lost(live, f"answered nonsense ({error})")
             return
@@ -117,11 +119,16 @@ class WorldDesk:
             self._learner.happen(live, event)
         elif session.phase is Phase.EXECUTING and begun.state == session.state:
             log.warning(
-                "session %s: environment restored at episode %d, step %d", live.name, begun.episode, begun.step
+                "session %s: environment restored at episode %d, step %d",
+                live.name,
+                begun.episode,
+                begun.step,
             )
             self.execute(live)
         elif session.phase is Phase.EXECUTING:
-            self._give_up(live, "the restored environment stands in another state: its version or level differs")
+            self._give_up(
+                live, "the restored environment stands in another state: its version or level differs"
+            )
 
     def _refused(self, live: LiveSession, payload: bytes) -> None:
         try:

@@ -48,6 +48,8 @@ def read_config(path: Path) -> Config:
     try:
         return msgspec.convert(document, Config)
     except msgspec.ValidationError as error:
-        known = ", ".join([*Config.__struct_fields__[:-1], *(f"monitor.{f}" for f in MonitorSection.__struct_fields__)])
+        known = ", ".join(
+            [*Config.__struct_fields__[:-1], *(f"monitor.{f}" for f in MonitorSection.__struct_fields__)]
+        )
         message = f"{path}: {error}: known keys are {known}"
         raise ConfigError(message) from None

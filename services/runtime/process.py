@@ -1,7 +1,7 @@
 """What every service process shares: logging, signals, and the line to its supervisor.
 
-A supervised process inherits one end of a socket pair. It writes one JSON line when it is ready; when the other end
-closes, the supervisor is gone and the process drains and leaves, so that no orphan stays behind.
+A supervised process inherits one end of a socket pair. It writes one JSON line when it is ready; when the
+other end closes, the supervisor is gone and the process drains and leaves, so that no orphan stays behind.
 """
 
 import json
@@ -40,7 +40,9 @@ class ServiceProcess:
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_signal)
         if self._line is not None:
-            threading.Thread(target=self._watch_supervisor, args=(self._line,), name="supervisor", daemon=True).start()
+            threading.Thread(
+                target=self._watch_supervisor, args=(self._line,), name="supervisor", daemon=True
+            ).start()
 
     def ready(self, detail: str = "") -> None:
         """Tell the supervisor that the service can be used; `detail` is for people (where to watch, say)."""
@@ -69,12 +71,12 @@ class ServiceProcess:
             self._begin_stop()
 
 
-
 def _log_to_stderr(config: ProcessConfig) -> None:
     """Log one line an event: UTC time, level, role and process, text."""
     handler = logging.StreamHandler(sys.stderr)
     line = logging.Formatter(
-        f"%(asctime)s.%(msecs)03dZ %(levelname)-7s {config.role}[%(process)d] %(message)s", "%Y-%m-%dT%H:%M:%S"
+        f"%(asctime)s.%(msecs)03dZ %(levelname)-7s {config.role}[%(process)d] %(message)s",
+        "%Y-%m-%dT%H:%M:%S",
     )
     line.converter = time.gmtime
     handler.setFormatter(line)
