@@ -112,6 +112,7 @@ def test_an_unfinished_commit_cut_at_any_byte_of_the_mirror_is_dropped_whole_or_
         assert (found.problems, found.rows, len(found.notes)) == ((), len(expected), int(cut > start))
         assert list(read_rows(shard.parent)) == expected
         assert reopened(shard.parent) == expected
+        assert verify(shard.parent).notes == ()
 
 
 @pytest.mark.parametrize("name", ["journal.sqlite", "journal.mirror"])
@@ -241,6 +242,23 @@ def test_every_change_behind_the_writers_back_is_found_and_undone(
     sql = statement.replace("more (x)", "more (x INTEGER)")
     with closing(sqlite3.connect(closed_journal / "shard-0" / "journal.sqlite", isolation_level=None)) as db:
         db.execute(sql)
+    assert not verify(closed_journal).ok
+    assert reopened(closed_journal) == rows
+    assert verify(closed_journal).problems == ()
+
+
+@pytest.mark.parametrize("occurrence", [0, 1])
+def test_an_id_changed_in_the_table_or_only_in_the_index_is_found_and_undone(
+    closed_journal: Path, rows: list[Row], occurrence: int
+) -> None:
+    path = closed_journal / "shard-0" / "journal.sqlite"
+    with closing(sqlite3.connect(path, isolation_level=None)) as db:
+        db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    parts = path.read_bytes().split((46).to_bytes(16, "big"))
+    assert len(parts) == 3
+    ids = [(46).to_bytes(16, "big"), (46).to_bytes(16, "big")]
+    ids[occurrence] = b"\x01" + ids[occurrence][1:]
+    path.write_bytes(parts[0] + ids[0] + parts[1] + ids[1] + parts[2])
     assert not verify(closed_journal).ok
     assert reopened(closed_journal) == rows
     assert verify(closed_journal).problems == ()
