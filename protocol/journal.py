@@ -15,12 +15,12 @@ import msgspec
 from protocol.codec import DecodeError, DecodeFault, decode, encode, pack, printable, unpack
 from protocol.messages import Answer, CreateSession
 from protocol.translate import UnknownAction, action_names, answer_given, config_of
+from sfid_core.outcome import Outcome
 from sfid_core.session.config import Window, WindowMode
 from sfid_core.session.effects import Acknowledge, AnswerCode, Effect
 from sfid_core.session.events import (
     EpisodeBegan,
     Event,
-    Outcome,
     Paused,
     Restarted,
     Resumed,

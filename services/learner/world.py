@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from protocol.codec import DecodeError, decode, encode
 from protocol.messages import Begin, Begun, ExecuteAction, Executed, Refusal, Wire
-from sfid_core.session.events import EpisodeBegan, Outcome, StepTaken, Stopped
+from sfid_core.outcome import Outcome
+from sfid_core.session.events import EpisodeBegan, StepTaken, Stopped
 from sfid_core.session.state import Phase
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from sfid_core.learning.method import Method
 from sfid_core.learning.methods import make_method
+from sfid_core.outcome import Outcome
 from sfid_core.session.config import SessionConfig
-from sfid_core.session.events import Outcome
 from sfid_core.session.measures import EpisodeMeasures, EpisodeTally, LabelCounts
 from sfid_core.sokoban.actions import ACTIONS
 from sfid_core.sokoban.board import Board

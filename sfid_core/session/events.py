@@ -1,24 +1,10 @@
 """Everything that can happen to a session. Frozen, journaled before they take effect."""
 
 from dataclasses import dataclass
-from enum import Enum
 
+from sfid_core.outcome import Outcome
 from sfid_core.session.config import Window
 from sfid_core.teaching.answers import Answer
-
-
-class Outcome(Enum):
-    """How an episode stands after a step."""
-
-    RUNNING = "running"
-    SOLVED = "solved"
-    DEADLOCK = "deadlock"
-    CAP = "cap"
-
-    @property
-    def terminal(self) -> bool:
-        """Whether the state has no future; an episode at the cap does not end, it is cut off: bootstrap."""
-        return self in (Outcome.SOLVED, Outcome.DEADLOCK)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from sfid_core.learning.q_learning import TDErrors
-from sfid_core.session.events import Outcome
+from sfid_core.outcome import Outcome
 from sfid_core.teaching.answers import Answer
 
 

@@ -1,7 +1,6 @@
 """The rules of an episode: where it starts, what an action brings, when it ends."""
 
 from dataclasses import dataclass
-from enum import Enum
 from functools import cached_property
 from math import isfinite
 
@@ -9,6 +8,7 @@ import numpy as np
 
 from sfid_core.chance import stream
 from sfid_core.mdp import StateOutcome, TabularMDP
+from sfid_core.outcome import Outcome
 from sfid_core.sokoban.actions import Action
 from sfid_core.sokoban.board import Board, Level
 from sfid_core.sokoban.deadlock import surely_deadlocked
@@ -18,16 +18,7 @@ from sfid_core.sokoban.solver import Solution, solve
 from sfid_core.sokoban.starts import StartDistribution, Starts, WorldError
 from sfid_core.sokoban.tables import STATES_MAX, TooManyStates
 
-__all__ = ["Consequence", "Outcome", "World", "WorldConfig", "WorldError", "make_world"]
-
-
-class Outcome(Enum):
-    """How a step leaves its episode: going on, or ended and why."""
-
-    RUNNING = "running"
-    SOLVED = "solved"
-    DEADLOCK = "deadlock"
-    CAP = "cap"
+__all__ = ["Consequence", "World", "WorldConfig", "WorldError", "make_world"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +67,7 @@ class Consequence:
     @property
     def terminal(self) -> bool:
         """Tell whether the state is absorbing, so that no value lies beyond it."""
-        return self.outcome in {Outcome.SOLVED, Outcome.DEADLOCK}
+        return self.outcome.terminal
 
 
 class World:

@@ -3,8 +3,8 @@
 import pytest
 
 from sfid_core.experiments.batch import BatchResult, run_batch
+from sfid_core.outcome import Outcome
 from sfid_core.session.config import SessionConfig, WorldSpec
-from sfid_core.session.events import Outcome
 from sfid_core.sokoban.levels import packaged
 from sfid_core.teaching.simulated import SimulatedTeacher
 

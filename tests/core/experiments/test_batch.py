@@ -5,8 +5,8 @@ from dataclasses import asdict
 import pytest
 
 from sfid_core.experiments.batch import run_batch, world_of
+from sfid_core.outcome import Outcome
 from sfid_core.session.config import SessionConfig, WorldSpec
-from sfid_core.session.events import Outcome
 from sfid_core.sokoban.levels import packaged
 from sfid_core.sokoban.world import WorldError
 from sfid_core.teaching.simulated import SimulatedTeacher

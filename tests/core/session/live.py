@@ -5,13 +5,13 @@ from dataclasses import dataclass, field
 from random import Random
 
 from sfid_core.experiments.batch import world_of
+from sfid_core.outcome import Outcome
 from sfid_core.session.config import SessionConfig
 from sfid_core.session.effects import BeginEpisode, Effect, Execute
 from sfid_core.session.events import (
     AnswerGiven,
     EpisodeBegan,
     Event,
-    Outcome,
     StepTaken,
     TeacherJoined,
     WindowElapsed,

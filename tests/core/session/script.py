@@ -5,13 +5,13 @@ from copy import deepcopy
 from dataclasses import fields
 from typing import Any
 
+from sfid_core.outcome import Outcome
 from sfid_core.session.config import SessionConfig, Window, WindowMode, WorldSpec
 from sfid_core.session.effects import Effect
 from sfid_core.session.events import (
     AnswerGiven,
     EpisodeBegan,
     Event,
-    Outcome,
     Paused,
     StepTaken,
     Stopped,

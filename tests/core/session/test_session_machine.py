@@ -3,6 +3,7 @@
 import pytest
 
 from sfid_core.learning.q_learning import TDErrors
+from sfid_core.outcome import Outcome
 from sfid_core.session.effects import (
     Acknowledge,
     Announce,
@@ -15,7 +16,6 @@ from sfid_core.session.effects import (
     StepDone,
 )
 from sfid_core.session.events import (
-    Outcome,
     Restarted,
     Stopped,
     TeacherJoined,

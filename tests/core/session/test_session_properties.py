@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sfid_core.outcome import Outcome
 from sfid_core.session.config import Window, WindowMode
 from sfid_core.session.effects import (
     Acknowledge,
@@ -21,7 +22,6 @@ from sfid_core.session.events import (
     AnswerGiven,
     EpisodeBegan,
     Event,
-    Outcome,
     Paused,
     Restarted,
     Resumed,

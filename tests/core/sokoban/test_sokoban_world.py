@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from sfid_core.mdp import StateOutcome, TabularMDP
+from sfid_core.outcome import Outcome
 from sfid_core.sokoban.actions import ACTIONS, Action
 from sfid_core.sokoban.board import Board
 from sfid_core.sokoban.levels import packaged, parse_levels
 from sfid_core.sokoban.rules import step
 from sfid_core.sokoban.solver import solve
 from sfid_core.sokoban.starts import StartKind, Starts, start_states
-from sfid_core.sokoban.world import Consequence, Outcome, World, WorldConfig, WorldError, make_world
+from sfid_core.sokoban.world import Consequence, World, WorldConfig, WorldError, make_world
 
 ROOM = packaged("room")[0]
 SOLVED_ROOM = solve(ROOM)
