@@ -108,6 +108,20 @@ SUMMARY = SessionSummary(
 )
 TOTALS = LabelTotals(submitted=9, acknowledged=8, applied=5, superseded=1, late=1, rejected=1, pending=1)
 
+LABEL = Answer(
+    answer_id=ANSWER_ID,
+    session="s1",
+    teacher="ann",
+    epoch=1,
+    decision=5,
+    episode=1,
+    step=2,
+    state=STATE,
+    kind="label",
+    action="UP",
+)
+"""The plainest answer there is."""
+
 FULL: tuple[Wire, ...] = (
     DECISION,
     STEP,

@@ -9,22 +9,9 @@ import pytest
 from protocol.codec import PAYLOAD_MAX, DecodeError, DecodeFault, decode, encode, pack, printable, unpack
 from protocol.messages import Acknowledgement, Answer, Decision, Join, Wire
 from tests.protocol.make_vectors import type_name
-from tests.protocol.samples import ANSWER_ID, FULL, STATE
+from tests.protocol.samples import ANSWER_ID, FULL, LABEL
 
 FRAMES = 20_000
-LABEL = Answer(
-    answer_id=ANSWER_ID,
-    session="s1",
-    teacher="ann",
-    epoch=1,
-    decision=5,
-    episode=1,
-    step=2,
-    state=STATE,
-    kind="label",
-    action="UP",
-)
-
 every_message = pytest.mark.parametrize("message", FULL, ids=type_name)
 
 
