@@ -62,14 +62,16 @@ def join(
     token: str | None = None,
     outbox: Path | None = None,
     deployment: str = "local",
+    connect_ms: int = CONNECT_MS,
 ) -> Iterator[Teaching]:
     """Teach a session over the router at `endpoint`; the end waits up to 2 s for the last acknowledgements.
 
-    Args: outbox: a file that keeps answers until they are acknowledged, in memory when None.
+    Args: outbox: a file that keeps answers until they are acknowledged, in memory when None; connect_ms: how
+    long to try for a router.
     Raises: BusError when no router answers, KeyNameError for a bad name, OutboxError.
     """
     with Outbox(outbox) as kept:
-        bus = open_bus(endpoint, CONNECT_MS)
+        bus = open_bus(endpoint, connect_ms)
         try:
             with Client(
                 bus, Keys(deployment), session, teacher, outbox=kept, clock=SystemClock(), token=token

@@ -34,6 +34,10 @@ from services.teachers.progress import Note, Progress, next_window, stretched_wi
 SIDE_COLUMNS = 44
 NARROW_COLUMNS = 72
 """Below this the panel stands under the grid instead of beside it."""
+_FRAME_LINES = 6
+"""Title and the blank line below it, legend, note, two lines of keys."""
+_PANEL_LINES = 9
+"""What the panel needs at least when it stands under the grid."""
 _TICK_S = 0.1
 _LISTEN_S = 0.25
 _HINT_NS = 1_500_000_000
@@ -50,7 +54,7 @@ ABSTAIN = "space"
 _SHOWN = {"equals_sign": "=", "plus": "+", "minus": "-", "full_stop": ".", "comma": ","}
 
 HELP = """\
-You watch an agent learn. It decides by itself; what you say becomes its reward.
+You watch an agent learn. It decides by itself, and learns from what you say.
 
  arrows, h j k l, w a s d   the way you would go now (where ways are asked)
  + = p                      praise the move you saw (where praise is asked)
@@ -62,8 +66,8 @@ You watch an agent learn. It decides by itself; what you say becomes its reward.
  z                          pause, and go on
  q                          leave; what you said is saved
 
-A key counts once, for the decision on screen when you pressed it. A key that is
-held, or pressed while nothing is asked, does not count.
+A key counts once, for the decision on screen when you pressed it.
+A held key counts once; a key pressed while nothing is asked does not.
 
  @@ agent   [] box   () goal   {} box on goal   (@ agent on goal
 
@@ -117,12 +121,13 @@ class KeyboardApp(App[int]):
     #title, #legend, #note {{ height: 1; }}
     #title {{ margin-bottom: 1; }}
     #middle {{ height: 1fr; }}
-    #grid {{ width: 1fr; height: 1fr; padding: 0 2; }}
+    #grid {{ width: 1fr; height: 1fr; padding: 0 2; text-wrap: nowrap; }}
     #side {{ width: {SIDE_COLUMNS}; height: 1fr; }}
     #legend {{ color: $text-muted; padding: 0 2; }}
     #note {{ padding: 0 1; }}
     #keys {{ height: auto; color: $text-muted; padding: 0 1; }}
     .narrow #middle {{ layout: vertical; }}
+    .narrow #grid {{ height: auto; margin-bottom: 1; }}
     .narrow #side {{ width: 1fr; padding: 0 2; }}
     .narrow #legend {{ display: none; }}
     Help {{ align: center middle; }}
@@ -141,20 +146,26 @@ class KeyboardApp(App[int]):
         self._woken = False
         self._leaving = threading.Event()
         self._pump = threading.Thread(target=self._listen, name="client", daemon=True)
+        # Held here instead of looked up: a timer may still fire when the screen is gone already.
+        self._title, self._grid, self._side, self._note, self._keys = (
+            Static(id=name) for name in ("title", "grid", "side", "note", "keys")
+        )
         self._on_screen: OnScreen | None = None
         self._hint = Note("")
         self._hint_until_ns = 0
         self._wanted: WindowSpec | None = None
+        self._window_wishes = 0
+        """Changes of the window without an answer yet: until then keys change what was wanted last."""
 
     def compose(self) -> ComposeResult:
         """See App."""
-        yield Static(id="title")
+        yield self._title
         with Horizontal(id="middle"):
-            yield Static(id="grid")
-            yield Static(id="side")
+            yield self._grid
+            yield self._side
         yield Static(LEGEND, id="legend")
-        yield Static(id="note")
-        yield Static(id="keys")
+        yield self._note
+        yield self._keys
 
     def on_mount(self) -> None:
         """Begin to listen."""
@@ -195,8 +206,8 @@ class KeyboardApp(App[int]):
                 self.progress.note = update
             else:
                 self.progress.apply(update, now_ns)
-                if isinstance(update, Controlled):
-                    self._wanted = None
+                if isinstance(update, Controlled) and update.verb == "window":
+                    self._window_wishes -= 1
         self._draw()
 
     # ---------------------------------------------------------------- drawing
@@ -207,28 +218,31 @@ class KeyboardApp(App[int]):
         self.call_after_refresh(self._draw)
 
     def _draw(self) -> None:
-        progress, base = self.progress, self.screen_stack[0]
-        base.query_one("#title", Static).update(
-            panel.title(progress, self._client.session, self._client.teacher)
-        )
-        grid = base.query_one("#grid", Static)
+        progress = self.progress
+        self._title.update(panel.title(progress, self._client.session, self._client.teacher))
         if progress.decision is not None:
-            size = grid.container_size
-            rows = cropped(rows_of(progress.decision.view), (size.width - 4) // 2, size.height)
-            grid.update(drawn(rows))
-        base.query_one("#keys", Static).update(panel.key_line(progress.decision))
+            self._grid.update(drawn(cropped(rows_of(progress.decision.view), *self._grid_cells())))
+        self._keys.update(panel.key_line(progress.decision))
         self._draw_time()
         decision = progress.open_decision
         number = None if decision is None else OnScreen((decision.epoch, decision.decision), decision)
         # A decision is shown once it is painted: a key pressed before that still means the one before.
         self.call_after_refresh(self._painted, number)
 
+    def _grid_cells(self) -> tuple[int, int]:
+        """Return how many cells fit side by side, and one above the other."""
+        width, height = self.size
+        free = height - _FRAME_LINES
+        if width < NARROW_COLUMNS:
+            return (width - 4) // 2, max(3, free - _PANEL_LINES)
+        return (width - 4 - SIDE_COLUMNS) // 2, free
+
     def _draw_time(self) -> None:
         """Draw what changes by itself: the window running out, hints fading."""
-        now_ns, base = self._clock.now_ns(), self.screen_stack[0]
-        base.query_one("#side", Static).update(panel.situation(self.progress, now_ns))
+        now_ns = self._clock.now_ns()
+        self._side.update(panel.situation(self.progress, now_ns))
         note = self._hint if now_ns < self._hint_until_ns else self.progress.note
-        base.query_one("#note", Static).update(panel.note_line(note))
+        self._note.update(panel.note_line(note))
 
     def _painted(self, on_screen: OnScreen | None) -> None:
         self._on_screen = on_screen
@@ -281,7 +295,9 @@ class KeyboardApp(App[int]):
         elif verdict is Verdict.ALREADY:
             self._tell("this decision has your answer")
         else:
-            self._tell(f"{_said(key)[0]} dropped: nothing was asked")
+            paused = self.progress.decision is not None and self.progress.decision.paused
+            why = "paused, z goes on" if paused else "nothing was asked"
+            self._tell(f"{_said(key)[0]} dropped: {why}")
 
     def _confirm(self) -> None:
         press = self.gate.confirmed(self._clock.now_ns())
@@ -305,9 +321,11 @@ class KeyboardApp(App[int]):
     # ---------------------------------------------------------------- wishes
 
     def _change_window(self, change: Callable[[WindowSpec], WindowSpec]) -> None:
-        window = self._wanted or (self.progress.decision.window if self.progress.decision else None)
-        if window is None or not self._allowed("window"):
+        decision = self.progress.decision
+        if decision is None or not self._allowed("window"):
             return
+        window = self._wanted if self._wanted is not None and self._window_wishes else decision.window
+        self._window_wishes += 1
         self._wanted = change(window)
         self._client.control("window", self._wanted)
         self._tell(f"window: {self._wanted.mode}, {self._wanted.span_ms / 1000:g} s …")

@@ -90,11 +90,11 @@ def window_line(progress: Progress, decision: Decision, now_ns: int) -> Text:
 
 def _answer_line(progress: Progress, decision: Decision) -> Text:
     waits = decision.phase == "asking" and not decision.paused
-    text = Text("you: …" if waits else "you: -", QUIET)
+    text = Text.assemble(("you: …" if waits else "you: -", QUIET))
     if progress.answer_text and not progress.answer_before:
         text = Text("you: ")
     elif progress.answer_text:
-        text.append("   before: ")
+        text.append("   before: ", QUIET)
     text.append(progress.answer_text, STRONG)
     text.append(f" {progress.answer_fate}", BAD if progress.answer_bad else GOOD)
     return text
@@ -136,10 +136,10 @@ def sparkline(numbers: list[int], cells: int = BAR_CELLS) -> str:
 def key_line(decision: Decision | None) -> str:
     """The keys that do something now."""
     if decision is not None and decision.asked == "reward":
-        says = "+ = p praise  - b blame"
+        says = "+ = p  praise     - b  blame"
     else:
-        says = "arrows hjkl wasd: your way"
-    return f"{says}  space: nothing to say  m , . window  z pause  ? help  q leave"
+        says = "arrows, hjkl or wasd  the way you would go"
+    return f"{says}     space  nothing to say\nm , .  window     z  pause     ?  help     q  leave"
 
 
 def note_line(note: Note) -> Text:

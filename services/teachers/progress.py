@@ -59,7 +59,7 @@ class Progress:
         self.answer_before = False
         """Whether that answer was to an earlier decision than the one shown."""
         self._answer_id = b""
-        self._inputs = self._agreements = 0
+        self._inputs = self._judged = self._agreements = 0
         self._teaching_ns = 0
         self._asked_since_ns: int | None = None
 
@@ -82,9 +82,8 @@ class Progress:
 
     @property
     def agreement(self) -> float | None:
-        """Share of those answers that agreed with the agent; None without one."""
-        agreements = sum(episode.agreements for episode in self.episodes) + self._agreements
-        return min(1.0, agreements / self.inputs) if self.inputs else None
+        """Share of the judged steps seen here in which the agent was told yes; None without one."""
+        return self._agreements / self._judged if self._judged else None
 
     def teaching_s(self, now_ns: int) -> float:
         """Return how long decisions have waited for an answer while this teacher watched."""
@@ -152,13 +151,14 @@ class Progress:
             return
         self.step = step
         self._inputs += sum(said.kind != "abstain" for said in step.said)
+        self._judged += step.h != 0
         self._agreements += step.h > 0
 
     def _episode_over(self, episode: Episode) -> None:
         if self.episodes and episode.episode <= self.episodes[-1].episode:
             return
         self.episodes.append(episode)
-        self._inputs = self._agreements = 0
+        self._inputs = 0
 
     def _answer(self, update: AnswerUpdate) -> None:
         self.answers_saved += update.state is AnswerState.SAVED

@@ -142,10 +142,10 @@ def test_every_acknowledgement_is_final(code: str, state: AnswerState) -> None:
     assert (len(learner.payloads), desk.outbox.pending()) == (1, [])
 
 
-def wrong_check(request: Request) -> None:
-    """An acknowledgement whose check is that of other bytes."""
-    learner = FakeLearner(MemoryBus())
-    request.reply(learner.acknowledgement(request.payload[:-1] + bytes([request.payload[-1] ^ 1])))
+def with_another_check(request: Request) -> None:
+    """An acknowledgement of this id, but of other bytes."""
+    reply = decode(FakeLearner(MemoryBus()).acknowledgement(request.payload), Acknowledgement)
+    request.reply(encode(msgspec.structs.replace(reply, check=bytes(8))))
 
 
 def of_another_answer(request: Request) -> None:
@@ -163,10 +163,21 @@ def of_another_answer(request: Request) -> None:
         refuse("unknown-session"),
         refuse("denied"),
         of_another_answer,
+        with_another_check,
         lambda request: request.reply(b"\xc1 not a message"),
         lambda request: request.reply_error(b""),
     ],
-    ids=["no reply", "busy", "not durable", "unknown session", "denied", "another's", "noise", "bare error"],
+    ids=[
+        "no reply",
+        "busy",
+        "not durable",
+        "unknown",
+        "denied",
+        "another's",
+        "other bytes",
+        "noise",
+        "bare error",
+    ],
 )
 def test_what_is_no_acknowledgement_makes_the_same_bytes_go_out_again(reply) -> None:  # type: ignore[no-untyped-def] # noqa: ANN001
     desk = Desk()
@@ -381,7 +392,7 @@ def test_a_wish_is_sent_and_its_outcome_told() -> None:
         client.control("pause")
         lost = desk.updates()
     assert learner.controls == [Control(session="s1", teacher="ann", verb="window", window=window)]
-    assert told == [Controlled("window", ok=True)]
+    assert told == [Opened(learner.decision, SECOND_NS), Controlled("window", ok=True)]
     assert lost == [Controlled("pause", ok=False, reason="the learner did not answer, try again")]
 
 

@@ -118,7 +118,9 @@ class FakeLearner:
             self.on_answer(answer)
 
     def _on_control(self, request: Request) -> None:
-        self.controls.append(decode(request.payload, Control))
+        self.controls.append(wish := decode(request.payload, Control))
+        if wish.window is not None:
+            self.go_on(window=wish.window)
         request.reply(encode(Done(ok=True)))
 
 
