@@ -182,13 +182,15 @@ def test_every_acknowledgement_follows_a_sync_of_the_mirror_and_then_of_sqlite(t
     assert re.fullmatch(r"(mwa{1,5}){10}[mw]*", after_opening), story
 
 
-@pytest.mark.parametrize("failing_sync", [5, 12, 16, 17, 18, 19, 20, 25])
+@pytest.mark.parametrize(
+    "failing_sync", ["5", "12", "14", "15", "16", "17", "25", "14..16", "15..17", "17..21"]
+)
 def test_a_sync_that_fails_is_never_an_acknowledgement_and_the_writer_goes_on(
-    tmp_path: Path, failing_sync: int
+    tmp_path: Path, failing_sync: str
 ) -> None:
     inject = f"inject=fdatasync,fsync:error=EIO:when={failing_sync}"
     done, trace = traced(tmp_path, "-e", "trace=fdatasync,fsync", "-e", inject)
-    assert trace.count("EIO") == 1
+    assert trace.count("EIO") >= 1
     if "open 1" in done.stdout:
         assert done.returncode == 0, done.stderr
     else:
