@@ -6,7 +6,7 @@ import rerun.blueprint as rrb
 from services.monitor import curves, policy, scene
 
 BACKGROUND = (11, 13, 18)
-LANES_SHOWN = 120
+LANES_SHOWN = 100
 """Decisions that the lanes of labels show."""
 
 
@@ -37,7 +37,12 @@ def _live() -> rrb.Vertical:
     right = rrb.Vertical(
         plots,
         rrb.Horizontal(
-            _plot(curves.AGREEMENT, "Share of labels that agree with the agent", rrb.Corner2D.RightBottom, (0.0, 1.05)),
+            _plot(
+                curves.AGREEMENT,
+                "Share of labels that agree with the agent",
+                rrb.Corner2D.RightBottom,
+                (0.0, 1.05),
+            ),
             _lanes(),
         ),
         row_shares=[2, 1],
@@ -49,7 +54,7 @@ def _live() -> rrb.Vertical:
     )
     texts = rrb.Horizontal(rrb.TextDocumentView(origin="/now", name="Now"), events, column_shares=[3, 8])
     return rrb.Vertical(
-        rrb.Horizontal(pictures, right, column_shares=[5, 8]), texts, row_shares=[5, 1.4], name="Live"
+        rrb.Horizontal(pictures, right, column_shares=[5, 8]), texts, row_shares=[5, 1.3], name="Live"
     )
 
 
@@ -58,7 +63,10 @@ def _picture(entity: str, name: str) -> rrb.Spatial2DView:
 
 
 def _plot(
-    entity: str, name: str, corner: rrb.Corner2D = rrb.Corner2D.RightTop, span: tuple[float, float] | None = None
+    entity: str,
+    name: str,
+    corner: rrb.Corner2D = rrb.Corner2D.RightTop,
+    span: tuple[float, float] | None = None,
 ) -> rrb.TimeSeriesView:
     axis = None if span is None else rrb.ScalarAxis(range=span)
     legend = rrb.PlotLegend(corner=corner)

@@ -68,7 +68,7 @@ class Addresses:
         urls = "&".join(
             f"url=rerun%2Bhttp://{LOOPBACK}:{port}/proxy" for port in (self.curves_port, self.scene_port)
         )
-        return f"http://{LOOPBACK}:{self.web_port}/?{urls}&hide_welcome_screen"
+        return f"http://{LOOPBACK}:{self.web_port}/?{urls}&hide_welcome_screen&theme=dark"
 
     @property
     def native_command(self) -> str:

@@ -39,7 +39,7 @@ SERIES: dict[str, tuple[str, ...]] = {
 
 
 def decimate(rows: list[T], rows_max: int) -> list[T]:
-    """Return at most `rows_max` rows: the last of each of as many equal stretches, so always the very last."""
+    """Return at most `rows_max` rows: the last of each of as many equal stretches."""
     if len(rows) <= rows_max:
         return rows
     ends = [len(rows) * (number + 1) // rows_max - 1 for number in range(rows_max)]

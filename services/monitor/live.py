@@ -1,8 +1,8 @@
-"""The two servers that viewers connect to, fed by a thread of their own, the only one that waits for a viewer.
+"""The two servers that viewers connect to, fed by a thread of their own: no other waits for a viewer.
 
 A viewer that hangs blocks the server's broadcast, and with it whoever logs. So rows for viewers go through a
-bounded queue that drops its oldest. A dropped picture is followed by a newer one; a dropped row of a curve is in the
-recording, and comes back from the learner when the monitor starts anew.
+bounded queue that drops its oldest. A dropped picture is followed by a newer one; a dropped row of a curve
+is in the recording, and comes back from the learner when the monitor starts anew.
 """
 
 import logging

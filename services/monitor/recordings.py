@@ -2,6 +2,7 @@
 
 from itertools import count
 from pathlib import Path
+from tempfile import TemporaryFile
 
 import rerun as rr
 
@@ -13,6 +14,15 @@ from services.monitor.writer import Writer, stream
 TICK_S = 0.5
 """A killed monitor loses no more than this of its file."""
 FLUSH_TIMEOUT_S = 1.0
+
+
+def check_folder(folder: Path) -> None:
+    """Make the folder for recordings and write to it once. Raises MonitorError when that is not possible."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise _folder_error(folder, error) from None
 
 
 class Recording:
@@ -43,7 +53,6 @@ class Recording:
 def _new_file(folder: Path, session: str) -> Path:
     """Reserve `<session>.rrd`, or the first of `<session>.2.rrd`, ... that is not there yet."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         for number in count(1):
             path = folder / (f"{session}.rrd" if number == 1 else f"{session}.{number}.rrd")
             try:
@@ -52,8 +61,10 @@ def _new_file(folder: Path, session: str) -> Path:
                 continue
             return path
     except OSError as error:
-        message = (
-            f"cannot write recordings to {folder}: {error.strerror or error}; choose another recording_dir"
-        )
-        raise MonitorError(message) from None
+        raise _folder_error(folder, error) from None
     raise AssertionError("count() has no end")
+
+
+def _folder_error(folder: Path, error: OSError) -> MonitorError:
+    reason = error.strerror or str(error)
+    return MonitorError(f"cannot write recordings to {folder}: {reason}; choose another recording_dir")

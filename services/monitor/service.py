@@ -1,7 +1,7 @@
 """The monitor service: watches the sessions of a deployment, shows them live in Rerun, and records them.
 
-It only reads topics that may be dropped, and nothing waits for it: a slow viewer, a frozen one, or none changes
-nothing for those who teach. It is disposable: started anew, it fills the curves again from the learner.
+It only reads topics that may be dropped, and nothing waits for it: a slow viewer, a frozen one, or none
+changes nothing for those who teach. It is disposable: started anew, it fills the curves from the learner.
 """
 
 import logging
@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 from services.monitor.config import Addresses, MonitorConfig, MonitorError, chosen_ports
 from services.monitor.live import Live
+from services.monitor.recordings import check_folder
 from services.monitor.web import WebPage, read_bundle
 from services.monitor.worker import MonitorCounts, Worker
 from services.runtime.bus import Bus
@@ -43,6 +44,8 @@ def run(
 
     Raises MonitorError when a port is taken or a recording cannot be written.
     """
+    if config.recording_dir is not None:
+        check_folder(config.recording_dir)
     addresses = chosen_ports(config) if config.viewer else None
     live = None if addresses is None else Live(addresses)
     page = None if addresses is None else _page(addresses, live)

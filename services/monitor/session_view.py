@@ -19,9 +19,10 @@ from services.monitor.status import event_of_episode, events_between, status_mar
 SCENE_PERIOD_S = 0.1
 POLICY_PERIOD_S = 0.5
 STATUS_PERIOD_S = 1.0
+LANES_PERIOD_S = 1.0
 CURVES_PERIOD_S = 2.0
 CURVES_PERIOD_LATER_S = 5.0
-"""After an hour: a late joiner replays the whole history, and few messages keep it from stalling the others."""
+"""After an hour: a late joiner replays the whole history, and few messages keep that short."""
 LATER_S = 3600.0
 EPISODE_NUMBER_MAX = 1_000_000
 """The largest session there can be (CreateSession.episodes)."""
@@ -36,7 +37,7 @@ class SessionView:
         self.episodes = EpisodeSequence()
         self.unreadable_views = 0
         self._opened_s = opened_s
-        self._due_s = dict.fromkeys(("scene", "policy", "status", "curves"), opened_s)
+        self._due_s = dict.fromkeys(("scene", "policy", "status", "lanes", "curves"), opened_s)
         self._stage = Stage()
         self._colours = TeacherColours()
         self._mirror = ValueMirror()
@@ -46,7 +47,6 @@ class SessionView:
         self._events = EventLog()
         self._decision: Decision | None = None
         self._report: SessionReport | None = None
-        self._last_episode: Episode | None = None
         self._moment = Moment(0, 0)
         self._shown: Frame | None = None
         self._policy_stale = False
@@ -69,12 +69,17 @@ class SessionView:
                 self.episodes.offer(episode)
         self.show_episodes(wall_ns)
 
+    def give_up_missing(self, wall_ns: int) -> None:
+        """Show the episodes that wait for others, without those."""
+        while self.episodes.missing() is not None:
+            self.episodes.skip()
+            self.show_episodes(wall_ns)
+
     def show_episodes(self, wall_ns: int) -> None:
         """Move the episodes whose turn it is to the curves."""
         for episode in self.episodes.take():
             at_ns = _wall(episode.at_ns, wall_ns)
             self._curves.add(episode, at_ns)
-            self._last_episode = episode
             self.note(event_of_episode(episode), Moment(episode.decision, at_ns))
 
     def take_report(self, report: SessionReport, wall_ns: int) -> None:
@@ -98,6 +103,8 @@ class SessionView:
             self._draw_policy(rows)
         if self._is_due("status", now_s, STATUS_PERIOD_S * pace):
             self._tell_status(rows)
+        if self._is_due("lanes", now_s, LANES_PERIOD_S * pace):
+            rows.curves.extend(self._lanes.take())
         later = now_s - self._opened_s > LATER_S
         if self._is_due("curves", now_s, (CURVES_PERIOD_LATER_S if later else CURVES_PERIOD_S) * pace):
             self._take_curves(rows)
@@ -107,10 +114,11 @@ class SessionView:
         """Return everything that has not been returned yet."""
         rows = Rows()
         # A held frame and one after it at most: what was on stage when the session's view ends.
-        for _ in range(3):
-            self._draw_scene(rows, now_s + 60.0)
+        for number in range(3):
+            self._draw_scene(rows, now_s + 60.0 * (number + 1))
         self._draw_policy(rows)
         self._tell_status(rows)
+        rows.curves.extend(self._lanes.take())
         self._take_curves(rows)
         return rows
 
@@ -161,13 +169,13 @@ class SessionView:
         rows.scene.append(draw_policy(read_view(self._shown.view), self._mirror, self._shown.moment))
 
     def _tell_status(self, rows: Rows) -> None:
-        text = status_markdown(self._decision, self._report, self._last_episode, self.unreadable_views)
+        text = status_markdown(self._decision, self._report, self.unreadable_views)
         if text != self._status_told:
             self._status_told = text
             rows.curves.append(Status(self._moment, text))
 
     def _take_curves(self, rows: Rows) -> None:
-        for collected in (self._curves, self._agreement, self._lanes, self._events):
+        for collected in (self._curves, self._agreement, self._events):
             rows.curves.extend(collected.take())
 
 

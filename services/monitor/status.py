@@ -14,13 +14,9 @@ WINDOWS = {"early": "closes early", "full": "full span", "until-answered": "unti
 NAMES_SHOWN_MAX = 6
 
 
-def status_markdown(
-    decision: Decision | None, report: SessionReport | None, last: Episode | None, unreadable_views: int
-) -> str:
+def status_markdown(decision: Decision | None, report: SessionReport | None, unreadable_views: int) -> str:
     """Return the text of the `Now` pane: what is known, nothing else."""
     lines = _standing(decision, report)
-    if last is not None:
-        lines.append(f"last {event_of_episode(last)}")
     if unreadable_views:
         lines.append(f"views that could not be drawn: {unreadable_views}")
     return "\n\n".join(lines)
@@ -31,8 +27,8 @@ def event_of_episode(episode: Episode) -> str:
     ends = {"solved": "solved", "deadlock": "ended in a deadlock", "cap": "gave up", "running": "stopped"}
     fewest = "" if episode.optimal_steps is None else f" (fewest possible {episode.optimal_steps})"
     return (
-        f"episode {episode.episode + 1}: {ends[episode.outcome]} after {_counted(episode.steps, 'step')}{fewest}"
-        f", "
+        f"episode {episode.episode + 1}: {ends[episode.outcome]} "
+        f"after {_counted(episode.steps, 'step')}{fewest}, "
         f"return {episode.discounted_return:+.2f}, {_counted(episode.inputs, 'teacher input')}"
     )
 
@@ -69,19 +65,18 @@ def _standing(decision: Decision | None, report: SessionReport | None) -> list[s
         window = f"{decision.window.span_ms / 1000:g} s, {WINDOWS[decision.window.mode]}"
         shown = min(decision.episode + 1, decision.episodes)
         return [
-            f"## Episode {shown} of {decision.episodes} · step {decision.step}",
-            f"**{phase}** · method **{decision.method}**",
+            f"### Episode {shown} of {decision.episodes} · step {decision.step}",
+            f"**{phase}** · method **{decision.method}** · window {window}",
             f"teachers {teachers}",
-            f"window {window}",
         ]
     if report is not None:
         summary = report.summary
         return [
-            f"## {summary.episode} of {summary.episodes} episodes",
+            f"### {summary.episode} of {summary.episodes} episodes",
             f"**{PHASES.get(summary.phase, summary.phase)}** · method **{summary.method}**",
             f"level {summary.level_name} · {_counted(report.labels.applied, 'answer')} applied",
         ]
-    return ["## Waiting for the session"]
+    return ["### Waiting for the session"]
 
 
 def _listed(names: tuple[str, ...] | list[str]) -> str:

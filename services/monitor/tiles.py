@@ -1,6 +1,7 @@
 """The pixel art of the board: drawn here as text, 16 x 16 pixels a tile, one shared palette.
 
-A picture is an array of palette indexes. Index 0 is the space outside the walls; a sprite's `.` is transparent.
+A picture is an array of palette indexes. Index 0 is the space outside the walls; a `.` of a sprite
+is transparent.
 """
 
 from functools import lru_cache

@@ -1,8 +1,9 @@
 """The viewer's web page on loopback.
 
-`rr.serve_web_viewer` binds every interface of the machine. The page's files are therefore read once, at start,
-from the viewer program of the wheel (bound to loopback, ended at once), and served from here: on loopback only, with
-a content policy that lets the page call our two servers and nobody else. Left alone it loads fonts and reports use.
+`rr.serve_web_viewer` binds every interface of the machine. So the page's files are read once, at start, from
+the viewer program of the wheel (bound to loopback, ended at once), and served from here: on loopback only, and
+with a content policy that lets the page call our two servers and nobody else. Left alone it loads fonts and
+reports use.
 """
 
 import http.client

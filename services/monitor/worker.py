@@ -174,8 +174,7 @@ class Worker:
         if full_page:
             self._ask(shown.session, watched)
         elif watched.view.episodes.missing() is not None:
-            watched.view.episodes.skip()
-            watched.view.show_episodes(wall_ns)
+            watched.view.give_up_missing(wall_ns)
 
     def _ask(self, session: str, watched: _Watched) -> None:
         if watched.asking:
@@ -206,8 +205,7 @@ class Worker:
         watched = self._watched.pop(session)
         try:
             # Episodes that still wait for earlier ones are shown without them, rather than not at all.
-            watched.view.episodes.skip()
-            watched.view.show_episodes(self._clock.wall_ns())
+            watched.view.give_up_missing(self._clock.wall_ns())
             self._show(watched, watched.view.flush(self._now_s()))
         finally:
             self.counts.unreadable_views += watched.view.unreadable_views

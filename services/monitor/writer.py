@@ -13,16 +13,16 @@ APPLICATION = "sfid"
 LINES: dict[str, tuple[tuple[tuple[int, ...], ...], tuple[float, ...]]] = {
     curves.STEPS: (((120, 190, 255, 110), (120, 190, 255, 255), (150, 150, 150, 220)), (1.0, 2.5, 1.5)),
     curves.TD_ERROR: (((255, 150, 70, 255), (255, 205, 120, 150)), (2.0, 1.5)),
-    curves.RETURN: (((110, 220, 150, 255), (240, 240, 240, 150)), (2.0, 1.5)),
+    curves.RETURN: (((110, 220, 150, 255), (150, 165, 190, 220)), (2.0, 1.5)),
     curves.INPUTS: (((200, 150, 255, 255),), (2.0,)),
     curves.AGREEMENT: (((70, 210, 200, 255),), (2.0,)),
 }
 """Colours and widths of the curves, by entity; the names are in `curves.SERIES`."""
-LANE_COLOURS = {
-    "LEFT": (96, 165, 250),
-    "RIGHT": (250, 190, 60),
-    "UP": (240, 120, 190),
-    "DOWN": (80, 210, 130),
+LANE_STATES = {
+    "LEFT": ("←", (96, 165, 250)),
+    "RIGHT": ("→", (250, 190, 60)),
+    "UP": ("↑", (240, 120, 190)),
+    "DOWN": ("↓", (80, 210, 130)),
 }
 
 
@@ -82,7 +82,8 @@ class Writer:
         entity = f"teachers/{row.teacher}"
         if row.teacher not in self._lanes:
             self._lanes.add(row.teacher)
-            states = rr.StateConfiguration(values=list(LANE_COLOURS), colors=list(LANE_COLOURS.values()))
+            signs, colours = zip(*LANE_STATES.values(), strict=True)
+            states = rr.StateConfiguration(values=list(LANE_STATES), labels=signs, colors=colours)
             self._stream.log(entity, states, static=True)
         self._stream.send_columns(entity, _timelines(row.moments), rr.StateChange.columns(state=row.states))
 

@@ -1,0 +1,140 @@
+"""Curves, lanes, events and the mirror of values, without a viewer."""
+
+import numpy as np
+
+from protocol.messages import Episode, SaidBy, Step
+from services.monitor import curves, tiles
+from services.monitor.policy import ValueMirror, draw_policy
+from services.monitor.rows import Lane, Moment
+from services.monitor.scene import read_view
+from tests.services.monitor.feeder import ROOM, SOLUTION_ROOM, Lesson
+from tests.services.monitor.test_monitor_pictures import cell_of, decoded
+
+
+def episodes(count: int) -> list[Episode]:
+    lesson = Lesson(room=SOLUTION_ROOM, episodes=count)
+    return [message for message in lesson.messages() if isinstance(message, Episode)]
+
+
+def a_step(action: str, *labels: tuple[str, str]) -> Step:
+    steps = Lesson(episodes=1).messages()
+    step = next(message for message in steps if isinstance(message, Step))
+    said = tuple(SaidBy(teacher=teacher, kind="label", action=label) for teacher, label in labels)
+    return Step(
+        **{**{name: getattr(step, name) for name in step.__struct_fields__}, "action": action, "said": said}
+    )
+
+
+def test_thinning_out_keeps_the_last_row_of_equal_stretches() -> None:
+    assert curves.decimate(list(range(10)), 20) == list(range(10))
+    assert curves.decimate(list(range(100)), 4) == [24, 49, 74, 99]
+
+
+def test_episodes_come_out_in_order_and_each_once() -> None:
+    told = episodes(4)
+    sequence = curves.EpisodeSequence()
+    sequence.offer(told[1])
+    assert (sequence.take(), sequence.missing()) == ([], 0)
+    sequence.offer(told[0])
+    sequence.offer(told[0])
+    sequence.offer(told[3])
+    assert (sequence.take(), sequence.missing()) == (told[:2], 2)
+    sequence.offer(told[1])
+    sequence.skip()
+    assert (sequence.take(), sequence.missing(), sequence.expected()) == (told[3:], None, 4)
+
+
+def test_every_episode_is_a_row_of_each_curve() -> None:
+    told = episodes(12)
+    collected = curves.EpisodeCurves()
+    for number, episode in enumerate(told):
+        collected.add(episode, number)
+    batches = {batch.entity: batch for batch in collected.take()}
+    assert collected.take() == []
+    moments = tuple(Moment(episode.decision, number, episode.episode) for number, episode in enumerate(told))
+    assert all(batch.moments == moments for batch in batches.values())
+    steps = [episode.steps for episode in told]
+    means = [float(np.mean(steps[max(0, number - 9) : number + 1])) for number in range(12)]
+    expected: dict[str, list[tuple[float, ...]]] = {
+        curves.STEPS: [(step, mean, 1.0) for step, mean in zip(steps, means, strict=True)],
+        curves.TD_ERROR: [(episode.abs_td_error, episode.abs_td_error_shaped) for episode in told],
+        curves.RETURN: [(episode.discounted_return, episode.discounted_env_return) for episode in told],
+        curves.INPUTS: [(episode.inputs,) for episode in told],
+    }
+    assert {entity: batch.values.tolist() for entity, batch in batches.items()} == {
+        entity: [[float(value) for value in row] for row in rows] for entity, rows in expected.items()
+    }
+    assert all(batches[entity].values.shape[1] == len(curves.SERIES[entity]) for entity in batches)
+
+
+def test_agreement_is_the_share_of_single_labels_that_named_the_agents_action() -> None:
+    agreement = curves.Agreement()
+    agreement.add(a_step("UP", ("ada", "UP"), ("ben", "DOWN")), Moment(0, 0))
+    agreement.add(a_step("UP"), Moment(1, 0))
+    agreement.add(a_step("LEFT", ("ada", "LEFT"), ("ben", "LEFT")), Moment(2, 0))
+    (batch,) = agreement.take()
+    assert ([moment.decision for moment in batch.moments], batch.values.tolist()) == ([0, 2], [[0.5], [0.75]])
+    assert agreement.take() == []
+
+
+def test_a_lane_holds_each_label_for_one_decision() -> None:
+    lanes = curves.Lanes()
+    for decision, label in ((4, "UP"), (5, "LEFT"), (9, "DOWN")):
+        lanes.add(a_step("UP", ("ada", label)), Moment(decision, 0))
+    decisions = (4, 5, 6, 9, 10)
+    states = ("UP", "LEFT", "", "DOWN", "")
+    assert lanes.take() == [Lane("ada", tuple(Moment(decision, 0) for decision in decisions), states)]
+    assert lanes.take() == []
+
+
+def test_teachers_beyond_the_lanes_are_left_out() -> None:
+    lanes = curves.Lanes()
+    lanes.add(a_step("UP", *((f"t{number}", "UP") for number in range(30))), Moment(0, 0))
+    assert [lane.teacher for lane in lanes.take()] == [f"t{number}" for number in range(curves.LANES_MAX)]
+
+
+def test_a_flood_of_events_is_cut_and_counted() -> None:
+    log = curves.EventLog()
+    for number in range(100):
+        log.add(Moment(number, 0), f"event {number}")
+    (events,) = log.take()
+    assert len(events.texts) == curves.EVENTS_MAX
+    assert events.texts[0] == "event 0"
+    assert events.texts[-1] == "… and 89 more events"
+
+
+def test_the_mirror_finds_the_learners_rows_under_the_boards_own_keys() -> None:
+    lesson = Lesson(room=ROOM, episodes=1)
+    mirror = ValueMirror()
+    steps = [message for message in lesson.messages() if isinstance(message, Step)]
+    for step in steps:
+        mirror.learn(step.state, step.values)
+    board = read_view(steps[0].view)
+    same_boxes = [step for step in steps if read_view(step.view).boxes == board.boxes]
+    expected = {read_view(step.view).player: step.values for step in same_boxes}
+    assert mirror.around(board) == expected
+    assert len(expected) > 1
+
+
+def test_the_mirror_forgets_the_row_learnt_longest_ago() -> None:
+    mirror = ValueMirror(rows_max=2)
+    for state in (b"a", b"b", b"a", b"c"):
+        mirror.learn(state, (0.0,) * 4)
+    board = read_view(SOLUTION_ROOM.strip())
+    mirror.learn(board.state_key(), (0.0, 1.0, 0.0, 0.0))
+    assert len(mirror) == 2
+    assert mirror.around(board) == {board.player: (0.0, 1.0, 0.0, 0.0)}
+
+
+def test_the_policy_shows_the_best_action_and_the_value_where_it_is_known() -> None:
+    board = read_view("######\n#@ $.#\n######")
+    mirror = ValueMirror()
+    mirror.learn(board.state_key(), (0.0, 2.0, 0.0, 0.0))
+    mirror.learn(board.with_state(board.player + 1, board.boxes).state_key(), (5.0, 5.0, 0.0, 0.0))
+    picture = draw_policy(board, mirror, Moment(8, 9))
+    (arrow,) = picture.arrows
+    assert arrow.vector[0] > 0
+    assert arrow.vector[1] == 0
+    indexes, _ = decoded(picture.png)
+    assert cell_of(indexes, 1, 1)[8, 8] == tiles.VALUES
+    assert cell_of(indexes, 1, 2)[8, 8] == tiles.VALUES + tiles.VALUE_COLOURS - 1

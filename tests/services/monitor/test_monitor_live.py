@@ -1,0 +1,190 @@
+"""The monitor with viewers: late ones, frozen ones, and the web page."""
+
+import http.client
+import signal
+import subprocess
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from services.monitor.config import LOOPBACK, Addresses, free_port
+from services.monitor.service import MonitorConfig
+from services.monitor.web import viewer_program
+from tests.services.monitor.feeder import Lesson
+from tests.services.monitor.rrd_rows import rows_of
+from tests.services.monitor.test_monitor_service import DEADLINE_S, SCALARS, Running
+
+pytestmark = pytest.mark.real
+
+
+@pytest.fixture
+def monitor() -> Iterator[Running]:
+    running = Running(MonitorConfig(scene_port=0, curves_port=0, web_port=0))
+    yield running
+    running.stop()
+
+
+def addresses_of(running: Running) -> Addresses:
+    """The ports, as the lines for people tell them."""
+    browser, native = running.where.split("\n")
+    curves_url, scene_url = native.split(" --connect ")[1].split(" ")
+    ports = [int(url.removesuffix("/proxy").rsplit(":", 1)[1]) for url in (scene_url, curves_url)]
+    return Addresses(ports[0], ports[1], int(browser.split("/?")[0].rsplit(":", 1)[1]))
+
+
+class SavingViewer:
+    """A viewer without a window that writes what it is shown to a file."""
+
+    def __init__(self, path: Path, addresses: Addresses) -> None:
+        urls = [addresses.curves_url, addresses.scene_url]
+        command = [
+            str(viewer_program()),
+            "--save",
+            str(path),
+            "--port",
+            str(free_port(set())),
+            "--bind",
+            LOOPBACK,
+            *urls,
+        ]
+        self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self.path = path
+
+    def end(self) -> None:
+        self.process.send_signal(signal.SIGINT)
+        try:
+            self.process.wait(DEADLINE_S)
+        finally:
+            self.process.kill()
+            self.process.wait()
+
+    def episodes(self) -> list[int]:
+        """The episodes whose curves have arrived so far."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the file is still being written and has no footer
+            try:
+                return [at["episode"] for at, _ in rows_of(self.path, "curves/steps", SCALARS)]
+            except (OSError, RuntimeError, ValueError):
+                return []
+
+
+def eventually(condition: Callable[[], bool]) -> None:
+    """Wait for another process, looking again and again until the deadline."""
+    pause = threading.Event()
+    for _ in range(int(DEADLINE_S * 10)):
+        if condition():
+            return
+        pause.wait(0.1)
+    pytest.fail("it did not come true in time")
+
+
+def fetch(port: int, path: str) -> http.client.HTTPResponse:
+    connection = http.client.HTTPConnection(LOOPBACK, port, timeout=DEADLINE_S)
+    connection.request("GET", path)
+    return connection.getresponse()
+
+
+def test_the_page_is_served_on_loopback_and_may_call_only_our_servers(monitor: Running) -> None:
+    addresses = addresses_of(monitor)
+    assert addresses.web_port is not None
+    page = fetch(addresses.web_port, "/")
+    policy = page.headers["Content-Security-Policy"]
+    servers = f"http://{LOOPBACK}:{addresses.scene_port} http://{LOOPBACK}:{addresses.curves_port}"
+    assert f"connect-src 'self' {servers};" in policy
+    assert b"re_viewer.js" in page.read()
+    wasm = fetch(addresses.web_port, "/re_viewer_bg.wasm")
+    assert wasm.headers["Content-Type"] == "application/wasm"
+    assert wasm.read(4) == b"\0asm"
+    wasm.close()
+    assert fetch(addresses.web_port, "/../secret").status == 404
+
+
+@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="reads Linux's table of sockets")
+def test_every_port_is_on_loopback_only(monitor: Running) -> None:
+    addresses = addresses_of(monitor)
+    table = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    listening = {int(row[1].split(":")[1], 16): row[1].split(":")[0] for row in table if row[3] == "0A"}
+    ports = (addresses.scene_port, addresses.curves_port, addresses.web_port)
+    assert [listening[port] for port in ports if port] == ["0100007F"] * 3
+
+
+def test_a_late_viewer_sees_the_whole_past(monitor: Running, tmp_path: Path) -> None:
+    monitor.publish(*Lesson(episodes=3).messages())
+    viewer = SavingViewer(tmp_path / "seen.rrd", addresses_of(monitor))
+    try:
+        eventually(lambda: viewer.episodes() == [0, 1, 2])
+    finally:
+        viewer.end()
+    assert rows_of(viewer.path, "world", "EncodedImage:blob")
+
+
+FROZEN = """
+import sys, threading
+from services.monitor.service import MonitorConfig, run
+from services.runtime.memory_bus import MemoryBus, MemoryHub
+from pathlib import Path
+from protocol.codec import encode
+from protocol.keys import Keys
+from protocol.messages import Decision
+from tests.services.monitor.feeder import Lesson
+
+hub, stop = MemoryHub(inline=True), threading.Event()
+mine = MemoryBus(hub)
+def feed():
+    for message in Lesson(episodes=3).messages():
+        key = Keys().decision if isinstance(message, Decision) else Keys().measures
+        mine.publish(key(message.session), encode(message))
+    print("fed", flush=True)
+    sys.stdin.readline()
+    stop.set()
+def ready(where):
+    print(where.replace(chr(10), " "), flush=True)
+    threading.Thread(target=feed, daemon=True).start()
+config = MonitorConfig(recording_dir=Path(sys.argv[1]), scene_port=0, curves_port=0, web_port=None)
+run(config, MemoryBus(hub), ready, stop)
+"""
+
+
+def test_with_a_frozen_viewer_the_process_ends_in_time_and_its_recording_is_whole(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", FROZEN, str(tmp_path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    where = process.stdout.readline()
+    curves_url, scene_url = where.split(" --connect ")[1].split(" ")[:2]
+    command = [
+        str(viewer_program()),
+        "--save",
+        str(tmp_path / "seen"),
+        "--port",
+        str(free_port(set())),
+        "--bind",
+        LOOPBACK,
+    ]
+    viewer = subprocess.Popen(
+        [*command, curves_url, scene_url], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        viewer.send_signal(signal.SIGSTOP)
+        assert process.stdout.readline() == "fed\n"
+        process.stdin.write("stop\n")
+        process.stdin.flush()
+        assert process.wait(5.0 + 1.0) == 0
+    finally:
+        viewer.kill()
+        viewer.wait()
+        process.kill()
+        process.wait()
+        process.stdin.close()
+        process.stdout.close()
+    verify = [str(viewer_program()), "rrd", "verify", str(tmp_path / "lesson.rrd")]
+    assert subprocess.run(verify, capture_output=True, check=False).returncode == 0
+    assert len(rows_of(tmp_path / "lesson.rrd", "curves/steps", SCALARS)) == 3

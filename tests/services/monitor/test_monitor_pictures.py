@@ -1,0 +1,167 @@
+"""The picture of the world: PNG, tiles, arrows, and which moment is shown."""
+
+import struct
+import zlib
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from protocol.messages import SaidBy, Step
+from services.monitor import tiles
+from services.monitor.png import encode_palette_png
+from services.monitor.rows import Moment
+from services.monitor.scene import (
+    AGENT_COLOUR,
+    BUMPED_COLOUR,
+    HOLD_S,
+    Frame,
+    Stage,
+    TeacherColours,
+    ViewError,
+    draw_world,
+    frames_of_step,
+    read_view,
+)
+from tests.services.monitor.feeder import Lesson
+
+VIEW = "#######\n#     #\n#@$ . #\n#     #\n#######"
+SOLVED = "#######\n#     #\n#  @* #\n#     #\n#######"
+
+
+def decoded(png: bytes) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
+    """The indexes and the palette of a PNG, read by the book."""
+    assert png[:8] == b"\x89PNG\r\n\x1a\n"
+    chunks, at = {}, 8
+    while at < len(png):
+        (length,) = struct.unpack(">I", png[at : at + 4])
+        kind, body = png[at + 4 : at + 8], png[at + 8 : at + 8 + length]
+        assert struct.unpack(">I", png[at + 8 + length : at + 12 + length]) == (zlib.crc32(kind + body),)
+        chunks[kind] = body
+        at += 12 + length
+    width, height, depth, colour_type = struct.unpack(">IIBB", chunks[b"IHDR"][:10])
+    assert (depth, colour_type) == (8, 3)
+    lines = np.frombuffer(zlib.decompress(chunks[b"IDAT"]), np.uint8).reshape(height, width + 1)
+    assert not lines[:, 0].any()
+    return lines[:, 1:], np.frombuffer(chunks[b"PLTE"], np.uint8).reshape(-1, 3)
+
+
+def cell_of(picture: npt.NDArray[np.uint8], row: int, column: int) -> npt.NDArray[np.uint8]:
+    return picture[row * 16 : row * 16 + 16, column * 16 : column * 16 + 16]
+
+
+def frame(view: str = VIEW, action: str | None = None, *said: SaidBy, bumped: bool = False) -> Frame:
+    return Frame(Moment(3, 5), view, action, bumped, said)
+
+
+def label(teacher: str, action: str) -> SaidBy:
+    return SaidBy(teacher=teacher, kind="label", action=action)
+
+
+def test_a_png_holds_exactly_the_indexes_and_colours_it_was_made_of() -> None:
+    indexes = np.arange(30, dtype=np.uint8).reshape(5, 6) % 7
+    palette = np.arange(21, dtype=np.uint8).reshape(7, 3)
+    read_indexes, read_palette = decoded(encode_palette_png(indexes, palette))
+    assert np.array_equal(read_indexes, indexes)
+    assert np.array_equal(read_palette, palette)
+
+
+def test_every_sprite_is_a_whole_tile_and_the_palette_fits_a_png() -> None:
+    for indexes, covers in (tiles.BOX, tiles.BOX_AT_HOME, tiles.GOAL, *tiles.KEEPER.values()):
+        assert indexes.shape == covers.shape == (16, 16)
+        assert indexes[covers].all()
+    assert tiles.palette().shape == (2 * len(tiles.COLOURS) + tiles.VALUE_COLOURS, 3)
+    assert len(tiles.palette()) <= 256
+
+
+def test_the_picture_shows_player_box_and_goal_where_the_view_has_them() -> None:
+    picture, _ = decoded(draw_world(frame(action="RIGHT"), TeacherColours()).png)
+    assert picture.shape == (5 * 16, 7 * 16)
+    for sprite, row, column in ((tiles.KEEPER["RIGHT"], 2, 1), (tiles.BOX, 2, 2), (tiles.GOAL, 2, 4)):
+        assert np.array_equal(cell_of(picture, row, column)[sprite[1]], sprite[0][sprite[1]])
+
+
+def test_a_box_on_its_goal_looks_different_and_a_solved_view_can_be_drawn() -> None:
+    picture, _ = decoded(draw_world(frame(SOLVED), TeacherColours()).png)
+    indexes, covers = tiles.BOX_AT_HOME
+    assert np.array_equal(cell_of(picture, 2, 4)[covers], indexes[covers])
+
+
+def test_the_agents_arrow_is_white_and_red_where_it_bumped() -> None:
+    (moved,) = draw_world(frame(VIEW, "RIGHT"), TeacherColours()).arrows
+    (bumped,) = draw_world(frame(VIEW, "LEFT", bumped=True), TeacherColours()).arrows
+    assert (moved.colour, moved.vector, moved.label) == (AGENT_COLOUR, (12.0, 0.0), "")
+    assert (bumped.colour, bumped.vector) == (BUMPED_COLOUR, (-12.0, 0.0))
+
+
+def test_each_teachers_arrow_has_their_name_their_colour_and_their_direction() -> None:
+    colours = TeacherColours()
+    arrows = draw_world(frame(VIEW, "UP", label("ada", "UP"), label("ben", "DOWN")), colours).arrows
+    assert [(arrow.label, arrow.colour, arrow.vector) for arrow in arrows] == [
+        ("", AGENT_COLOUR, (0.0, -12.0)),
+        ("ada", colours.of("ada"), (0.0, -12.0)),
+        ("ben", colours.of("ben"), (0.0, 12.0)),
+    ]
+    assert colours.of("ada") != colours.of("ben")
+    assert arrows[0].origin != arrows[1].origin
+
+
+def test_a_crowd_is_one_arrow_with_its_number() -> None:
+    crowd = [label(f"worker-{number}", "LEFT") for number in range(40)]
+    (arrow,) = draw_world(frame(VIEW, None, *crowd), TeacherColours()).arrows
+    assert arrow.label == "40 teachers"
+
+
+def test_a_reward_points_where_the_agent_went_and_shows_its_size() -> None:
+    said = SaidBy(teacher="ada", kind="reward", reward=-1.0)
+    assert [arrow.label for arrow in draw_world(frame(VIEW, "UP", said), TeacherColours()).arrows] == [
+        "",
+        "ada -1",
+    ]
+
+
+@pytest.mark.parametrize("view", ["", "nonsense", "####\n#  #\n####", VIEW + "\n\n" + VIEW])
+def test_a_view_that_is_no_level_is_refused_in_one_line(view: str) -> None:
+    with pytest.raises(ViewError) as refusal:
+        read_view(view)
+    assert str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_the_stage_shows_the_newest_frame_once() -> None:
+    stage = Stage()
+    stage.offer((frame(VIEW),))
+    stage.offer((frame(SOLVED),))
+    assert stage.due(1.0) == frame(SOLVED)
+    assert stage.due(1.1) is None
+
+
+def test_a_step_with_answers_is_held_before_the_next_decision_is_shown() -> None:
+    stage = Stage()
+    answered = replace(frame(VIEW, "UP", label("ada", "UP")), hold_s=HOLD_S)
+    stage.offer((answered,))
+    stage.offer((frame(SOLVED),))
+    assert stage.due(1.0) == answered
+    assert stage.due(1.0 + HOLD_S / 2) is None
+    assert stage.due(1.0 + HOLD_S) == frame(SOLVED)
+
+
+def test_newer_answers_overtake_older_ones() -> None:
+    stage = Stage()
+    first, second = (replace(frame(VIEW, "UP", label(name, "UP")), hold_s=HOLD_S) for name in ("ada", "ben"))
+    stage.offer((first,))
+    assert stage.due(1.0) == first
+    stage.offer((second,))
+    assert stage.due(1.1) == second
+
+
+def test_the_last_step_of_an_episode_is_followed_by_the_board_it_ended_on() -> None:
+    last = next(
+        message
+        for message in Lesson(room="#####\n#@$.#\n#####", episodes=1).messages()
+        if isinstance(message, Step) and message.outcome == "solved"
+    )
+    decided, ended = frames_of_step(last, 7)
+    assert (decided.view, decided.action, decided.bumped) == (last.view, last.action, False)
+    assert (ended.view, ended.action, ended.moment) == (last.next_view, None, Moment(last.decision + 1, 7))
