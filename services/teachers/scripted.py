@@ -1,5 +1,6 @@
 """A simulated teacher on the wire: an exact solver's knowledge, with errors, silence and thinking time."""
 
+import logging
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,7 +8,18 @@ from functools import lru_cache
 
 from protocol.keys import Keys
 from protocol.messages import Decision, Step
-from services.client import Client, Learnt, Opened, Refused, TeachingError, Update
+from services.client import (
+    AnswerState,
+    AnswerUpdate,
+    Client,
+    Connection,
+    Learnt,
+    Opened,
+    Refused,
+    TeachingError,
+    Update,
+    Welcomed,
+)
 from services.outbox import Outbox
 from services.runtime.bus import Bus
 from services.runtime.clock import Clock, SystemClock
@@ -15,6 +27,8 @@ from sfid_core.sokoban.levels import LevelError, parse_levels
 from sfid_core.sokoban.solver import Solution, solve
 from sfid_core.sokoban.tables import TooManyStates
 from sfid_core.teaching.simulated import SimulatedTeacher
+
+log = logging.getLogger("sfid.teacher")
 
 VIEWS_KEPT = 65_536
 """Views whose optimal actions are remembered: some 20 MB. A view is parsed once, then looked up."""
@@ -157,7 +171,7 @@ def run(
         bus, Keys(config.deployment), config.session, config.teacher,
         outbox=Outbox(), clock=clock, token=config.token,
     )  # fmt: skip
-    script = Script(config, client.has_answered)
+    script, troubles = Script(config, client.has_answered), _Troubles(config.session)
     with client:
         ready()
         while not stop.is_set():
@@ -168,9 +182,34 @@ def run(
                 raise ScriptedError(f"session {config.session!r}: {update.reason} ({update.code})")
             if update is not None:
                 script.hear(update, clock.now_ns())
+                troubles.note(update)
             if script.due_ns is not None and (said := script.speak(clock.now_ns())) is not None:
                 _tell(client, said)
         client.drain(_DRAIN_S)
+
+
+class _Troubles:
+    """Logs once that the learner is out of reach, once that it is back, and answers sent many times."""
+
+    def __init__(self, session: str) -> None:
+        self._session = session
+        self._waiting = False
+
+    def note(self, update: Update) -> None:
+        match update:
+            case Connection(connected=False, detail=reason) | Refused(reason=reason):
+                if not self._waiting:
+                    log.warning("session %s: waiting, %s", self._session, reason)
+                self._waiting = True
+            case Welcomed():
+                if self._waiting:
+                    log.info("session %s: joined", self._session)
+                self._waiting = False
+            case AnswerUpdate(state=AnswerState.RETRYING, attempts=attempts, reason=reason):
+                if attempts > 1 and attempts & (attempts - 1) == 0:
+                    log.warning("session %s: answer sent %d times: %s", self._session, attempts, reason)
+            case _:
+                pass
 
 
 def _wait_s(due_ns: int | None, clock: Clock) -> float:

@@ -66,6 +66,8 @@ class FakeLearner:
         self.answer_replies: list[Callable[[Request], None]] = []
         """Replies to the next answers, one each, in the place of an acknowledgement."""
         self.on_answer: Callable[[Answer], None] = _nothing
+        self.on_join: Callable[[int], None] = _nothing
+        """Called with the number of joins so far, before the reply."""
         bus.serve(KEYS.join(session), self._on_join)
         bus.serve(KEYS.answer(session), self._on_answer)
         bus.serve(KEYS.control(session), self._on_control)
@@ -97,6 +99,7 @@ class FakeLearner:
 
     def _on_join(self, request: Request) -> None:
         self.joins.append(decode(request.payload, Join))
+        self.on_join(len(self.joins))
         if self.join_refusal is not None:
             request.reply_error(encode(self.join_refusal))
             return
@@ -133,5 +136,5 @@ def drop(_request: Request) -> None:
     """Let the request fall: the asker gets no answer."""
 
 
-def _nothing(_answer: Answer) -> None:
+def _nothing(_argument: object) -> None:
     pass

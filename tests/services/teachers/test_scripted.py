@@ -174,6 +174,24 @@ def test_a_denied_teacher_ends_with_the_reason() -> None:
         taught(learner, hub)
 
 
+def test_a_wait_for_the_session_and_a_stubborn_answer_are_logged_once(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    hub = MemoryHub(inline=True)
+    learner = FakeLearner(MemoryBus(hub))
+    learner.join_refusal = Refusal(code="unknown-session", reason="no session s1 here")
+    learner.on_join = lambda join_number: setattr(learner, "join_refusal", None) if join_number == 2 else None
+    learner.answer_replies = [refuse("busy", "too much to do")] * 3
+    walk(learner, 1)
+    with caplog.at_level("INFO", "sfid.teacher"):
+        taught(learner, hub)
+    assert caplog.messages == [
+        "session s1: waiting, no session s1 here",
+        "session s1: joined",
+        "session s1: answer sent 2 times: too much to do",
+    ]
+
+
 def test_a_teacher_told_to_stop_leaves() -> None:
     stop = threading.Event()
     run(ScriptedConfig("s1"), MemoryBus(MemoryHub(inline=True)), stop.set, stop)
