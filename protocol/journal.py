@@ -8,12 +8,22 @@ happened in between.
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar
 
 import msgspec
 
 from protocol.codec import DecodeError, DecodeFault, decode, encode, pack, printable, unpack
-from protocol.messages import Answer, CreateSession
+from protocol.messages import (
+    Answer,
+    Count,
+    CreateSession,
+    Finite,
+    Name,
+    Nanoseconds,
+    StateKey,
+    Text,
+    View,
+)
 from protocol.translate import UnknownAction, action_names, answer_given, config_of
 from sfid_core.outcome import Outcome
 from sfid_core.session.config import Window, WindowMode
@@ -34,6 +44,8 @@ from sfid_core.session.events import (
 from sfid_core.session.machine import advance
 from sfid_core.session.measures import EpisodeMeasures
 from sfid_core.session.state import Session, new_session
+
+T = TypeVar("T")
 
 
 class Kind(Enum):
@@ -77,11 +89,19 @@ def answer_body(code: AnswerCode, reason: str, answer: bytes) -> bytes:
 
 def read_answer_body(body: bytes) -> tuple[AnswerCode, str, bytes]:
     """Return (code, reason, answer payload) of an answer's row; raise DecodeError when it is none."""
+    code, reason, answer = _read("answer", body, tuple[str, Text, bytes])
     try:
-        code, reason, answer = unpack(body)
         return AnswerCode(code), reason, answer
-    except (ValueError, TypeError) as error:
+    except ValueError as error:
         raise DecodeError(DecodeFault.NOT_THE_SCHEMA, f"answer row: {printable(str(error))}") from None
+
+
+def _read(kind: str, body: bytes, expected: type[T]) -> T:
+    """Return the value of the expected type that a row's body holds; raise DecodeError otherwise."""
+    try:
+        return msgspec.convert(unpack(body), expected, builtin_types=(bytes,))
+    except msgspec.ValidationError as error:
+        raise DecodeError(DecodeFault.NOT_THE_SCHEMA, f"{kind} row: {printable(str(error))}") from None
 
 
 def event_body(event: Event) -> tuple[Kind, bytes]:
@@ -159,7 +179,10 @@ def fold(records: Iterable[Record]) -> Folded | None:
 def _apply(folded: Folded, record: Record, actions: tuple[str, ...], numbers: dict[str, int]) -> None:
     if record.kind == Kind.DIGEST.value:
         folded.digests += 1
-        if unpack(record.body)[2] != folded.session.method.table.sha256():
+        if (
+            _read(record.kind, record.body, tuple[Count, Count, str])[2]
+            != folded.session.method.table.sha256()
+        ):
             folded.mismatches.append(folded.session.decision)
         return
     for at_ns, event in events_of(record, numbers):
@@ -188,35 +211,37 @@ def events_of(record: Record, numbers: dict[str, int]) -> Iterator[tuple[int, Ev
     if kind == Kind.ANSWER.value:
         yield at_ns, answer_given(decode(read_answer_body(body)[2], Answer), numbers)
     elif kind == Kind.STEP.value:
-        decision, reward, outcome, state, view, elapsed_at_ns = unpack(body)
+        decision, reward, outcome, state, view, elapsed_at_ns = _read(
+            kind, body, tuple[Count, Finite, str, StateKey, View, Nanoseconds | None]
+        )
         if elapsed_at_ns is not None:
             yield elapsed_at_ns, WindowElapsed()
         yield at_ns, StepTaken(decision, reward, Outcome(outcome), state, view)
     elif kind == Kind.ELAPSED.value:
         yield at_ns, WindowElapsed()
     elif kind not in _NO_EVENT:
-        yield at_ns, _small_event(Kind(kind), unpack(body))
+        yield at_ns, _small_event(Kind(kind), body)
 
 
 _NO_EVENT = {Kind.DIGEST.value, Kind.CONFLICT.value, Kind.CREATED.value}
 
 
-def _small_event(kind: Kind, value: object) -> Event:
+def _small_event(kind: Kind, body: bytes) -> Event:
     if kind is Kind.BEGAN:
-        episode, state, view, optimal_steps = value  # type: ignore[misc]
-        return EpisodeBegan(episode, state, view, optimal_steps)  # type: ignore[has-type]
+        return EpisodeBegan(*_read(kind.value, body, tuple[Count, StateKey, View, Count | None]))
     if kind is Kind.WINDOW:
-        by, mode, span_ms, quorum = value  # type: ignore[misc]
-        return WindowChanged(by, Window(WindowMode(mode), span_ms, quorum))  # type: ignore[has-type]
-    return _BY_NAME[kind](value)
+        by, mode, span_ms, quorum = _read(kind.value, body, tuple[Name, str, int, int])
+        return WindowChanged(by, Window(WindowMode(mode), span_ms, quorum))
+    if kind is Kind.RESTARTED:
+        return Restarted(_read(kind.value, body, Count))
+    return _BY_NAME[kind](_read(kind.value, body, Name))
 
 
-_BY_NAME: dict[Kind, Callable[[Any], Event]] = {
+_BY_NAME: dict[Kind, Callable[[str], Event]] = {
     Kind.JOINED: TeacherJoined,
     Kind.LEFT: TeacherLeft,
     Kind.PAUSED: Paused,
     Kind.RESUMED: Resumed,
     Kind.STOPPED: Stopped,
-    Kind.RESTARTED: Restarted,
 }
-_KIND_OF = {event: kind for kind, event in _BY_NAME.items()}
+_KIND_OF: dict[Callable[[str], Event], Kind] = {event: kind for kind, event in _BY_NAME.items()}

@@ -16,6 +16,7 @@ from protocol.keys import Keys
 from protocol.messages import Begin, Begun, ExecuteAction, Executed, Refusal, Wire
 from protocol.messages import World as WorldSpec
 from services.runtime.bus import Bus, Request
+from sfid_core.outcome import Outcome
 from sfid_core.sokoban.actions import Action
 from sfid_core.sokoban.board import Board
 from sfid_core.sokoban.levels import LevelError
@@ -27,6 +28,8 @@ INBOX_MAX = 4096
 """Requests waiting: one for each session of a large learner; more is answered with "busy"."""
 WORLDS_MAX = 64
 """Worlds kept ready. The largest solved level takes about 250 MB, a usual one less than 2 MB."""
+EPISODES_MAX = 10_000
+"""Episodes kept, as many as a learner has sessions; the one begun longest ago goes, to be begun again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +46,8 @@ class _Episode:
 
     epoch: int
     episode: int
-    world: World
+    world: World | None
+    """None once the episode is over: the last reply stays, the tables go."""
     board: Board
     steps: int = 0
     decision: int = -1
@@ -69,7 +73,7 @@ class Environment:
             )
         except DecodeError as error:
             reply = Refusal(code="malformed", reason=str(error))
-        except (LevelError, WorldError) as error:
+        except (LevelError, WorldError, _UnknownAction) as error:
             reply = Refusal(code="invalid", reason=str(error)[:512])
         if isinstance(reply, Refusal):
             self.refused[reply.code] += 1
@@ -82,10 +86,13 @@ class Environment:
         world = self._world(request)
         start = board = world.begin(request.episode)
         for steps_done, name in enumerate(request.actions):
-            board = world.execute(board, Action[name], steps_done).board
+            board = world.execute(board, _action(name), steps_done).board
+        self._episodes.pop(request.session, None)
         self._episodes[request.session] = _Episode(
             request.epoch, request.episode, world, board, len(request.actions)
         )
+        if len(self._episodes) > EPISODES_MAX:
+            del self._episodes[next(iter(self._episodes))]
         if request.actions:
             log.info(
                 "session %s: episode %d restored from its seed and %d actions",
@@ -118,23 +125,18 @@ class Environment:
             )
         if request.epoch < running.epoch:
             return _stale(request.epoch, running.epoch)
+        running.epoch = request.epoch
         if request.decision == running.decision and request.action == running.action:
             return decode(running.answered, Executed)
-        if (request.episode, request.step, request.state) != (
-            running.episode,
-            running.steps,
-            running.board.state_key(),
-        ):
+        world, stands = running.world, (running.episode, running.steps, running.board.state_key())
+        if world is None or (request.episode, request.step, request.state) != stands:
             return Refusal(
                 code="unknown-session", reason="the episode stands elsewhere: begin it with the actions taken"
             )
-        if request.action not in Action.__members__:
-            return Refusal(
-                code="invalid",
-                reason=f"no action {request.action}: use one of {', '.join(Action.__members__)}",
-            )
-        done = running.world.execute(running.board, Action[request.action], running.steps)
+        done = world.execute(running.board, _action(request.action), running.steps)
         running.board, running.steps = done.board, running.steps + 1
+        if done.outcome is not Outcome.RUNNING:
+            running.world = None
         reply = Executed(
             decision=request.decision,
             reward=done.reward,
@@ -148,6 +150,18 @@ class Environment:
 
 def _rules(spec: WorldSpec) -> WorldConfig:
     return WorldConfig(spec.goal_reward, spec.step_reward, spec.deadlock_reward, spec.steps_max)
+
+
+class _UnknownAction(Exception):  # noqa: N818 - it names what is wrong
+    """A request names an action that this world does not have."""
+
+
+def _action(name: str) -> Action:
+    """Return the action of that name."""
+    if name not in Action.__members__:
+        message = f"no action {name}: use one of {', '.join(Action.__members__)}"
+        raise _UnknownAction(message)
+    return Action[name]
 
 
 def _stale(epoch: int, newest: int) -> Refusal:

@@ -6,7 +6,7 @@ import logging
 from hashlib import blake2b
 from typing import TYPE_CHECKING, Literal
 
-from protocol.codec import DecodeError, decode, encode
+from protocol.codec import DecodeError, decode, encode, printable
 from protocol.journal import Kind, answer_body, read_answer_body, without_token
 from protocol.keys import KeyNameError
 from protocol.messages import Acknowledgement, Answer, Control, Done, Join, Refusal, Welcome
@@ -25,6 +25,10 @@ log = logging.getLogger("sfid.learner")
 
 OPERATOR = "operator"
 """The name under which the command line controls a session; nobody can teach under it."""
+NOBODY = ("-", "-")
+"""Session and sender where the key names none, or there are too many to count each."""
+SENDERS_MAX = 10_000
+"""Senders whose unreadable messages are counted one by one: names cost an attacker nothing."""
 EPISODES_SHOWN = 50
 """Latest episodes in a welcome, for the curves of a late joiner."""
 RefusalCode = Literal["malformed", "unknown-session", "denied", "busy", "not-durable", "conflict", "invalid"]
@@ -78,6 +82,8 @@ class Reception:
         if row.body is None:
             raise Refused("denied", "that answer was erased at its teacher's wish")
         code, reason, before = read_answer_body(row.body)
+        if before != kept and message.teacher not in live.session.teachers:
+            raise Refused("denied", f"join session {live.name} before you answer")
         if before != kept:
             at_ns = self._learner.at_ns()
             self._learner.append(live, Kind.CONFLICT, kept, at_ns, None, message.teacher)
@@ -128,7 +134,7 @@ class Reception:
                 "session %s: teacher %s joined (%s)",
                 live.name,
                 message.teacher,
-                message.client or "client unnamed",
+                printable(message.client) or "client unnamed",
             )
         at_ns = learner.at_ns()
         latest = live.episodes_at[-EPISODES_SHOWN:]
@@ -175,6 +181,8 @@ class Reception:
         code: RefusalCode = "invalid" if isinstance(error, UnknownAction) else "malformed"
         request.reply_error(encode(Refusal(code=code, reason=str(error)[:512])))
         sender = self._sender(request.key)
+        if len(self._learner.malformed) >= SENDERS_MAX and sender not in self._learner.malformed:
+            sender = NOBODY
         self._learner.malformed[sender] += 1
         count = self._learner.malformed[sender]
         if count & (count - 1) == 0:
@@ -184,7 +192,7 @@ class Reception:
         try:
             return self._learner.keys.session_and_teacher(key)
         except KeyNameError:
-            return ("-", "-")
+            return NOBODY
 
 
 def _event_of(message: Control) -> Event:

@@ -9,9 +9,9 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from protocol.codec import encode
+from protocol.codec import DecodeError, encode
 from protocol.journal import Kind, Record, digest_body, event_body, fold, step_body
-from protocol.keys import Keys
+from protocol.keys import KeyNameError, Keys
 from protocol.messages import Decision, Refusal, Wire
 from protocol.translate import decision_message, episode_message, step_message
 from services.learner.config import LearnerConfig
@@ -23,6 +23,7 @@ from services.runtime.bus import Bus, Presence, Request
 from services.runtime.clock import Clock
 from services.runtime.journal.errors import JournalError
 from services.runtime.journal.shard import Shard
+from sfid_core.learning.method import ParameterError
 from sfid_core.session.effects import (
     Announce,
     BeginEpisode,
@@ -87,7 +88,11 @@ class Learner:
             rows = (
                 Record(row.kind, row.at_ns, row.body) for row in self.shard.rows(name) if row.body is not None
             )
-            folded = fold(rows)
+            try:
+                folded = fold(rows)
+            except (DecodeError, ParameterError) as error:
+                message = f"session {name}: its journal cannot be read by this version ({error})"
+                raise JournalError(message) from None
             if folded is not None:
                 self.sessions[name] = recovered(folded)
         self._declare()
@@ -290,11 +295,14 @@ class Learner:
     # ------------------------------------------------------------ presence
 
     def _on_presence(self, presence: Presence) -> None:
-        session, teacher = self.keys.session_and_teacher(presence.key)
+        try:
+            session, teacher = self.keys.session_and_teacher(presence.key)
+        except KeyNameError:  # anybody may announce anything
+            return
         live = self.sessions.get(session)
         if presence.present:
             self._present.add((session, teacher))
-            if live is not None and teacher in live.known and teacher not in live.session.teachers:
+            if live is not None and self._comes_back(live, teacher):
                 self.happen(live, TeacherJoined(teacher))
                 log.info("session %s: teacher %s is back", session, teacher)
             return
@@ -302,6 +310,10 @@ class Learner:
         if live is not None and teacher in live.session.teachers:
             self.happen(live, TeacherLeft(teacher))
             log.info("session %s: teacher %s is gone", session, teacher)
+
+    def _comes_back(self, live: LiveSession, teacher: str) -> bool:
+        finished = live.session.phase is Phase.FINISHED
+        return not finished and teacher in live.known and teacher not in live.session.teachers
 
     def _mark_gone(self, expected: frozenset[tuple[str, str]]) -> None:
         """After a restart, let those go who taught before it and whose tokens did not come back."""

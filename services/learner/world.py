@@ -101,12 +101,16 @@ class WorldDesk:
         except DecodeError as error:
             self._lost(live, f"answered nonsense ({error})")
             return
+        mistaken = _mistaken(live, message)
+        if mistaken:
+            self._lost(live, mistaken)
+            return
         if live.environment_lost:
             log.warning("session %s: the environment is back: teaching goes on", live.name)
             live.environment_lost = False
         if isinstance(message, Begun):
             self._begun(live, message)
-        elif live.session.phase is Phase.EXECUTING and message.decision == live.session.decision:
+        elif live.session.phase is Phase.EXECUTING:
             live.actions_taken.append(live.actions[live.session.action])
             outcome = Outcome(message.outcome)
             self._learner.happen(
@@ -158,6 +162,21 @@ class WorldDesk:
             self._begin(live)
 
     def _give_up(self, live: LiveSession, reason: str) -> None:
+        if live.session.phase is Phase.FINISHED:
+            return
         log.error("session %s stopped: %s", live.name, reason)
         live.failure = reason
         self._learner.happen(live, Stopped("environment"))
+
+
+def _mistaken(live: LiveSession, message: Begun | Executed) -> str:
+    """Say what is wrong with a well-formed reply to the latest question, or return an empty text."""
+    session = live.session
+    if isinstance(message, Executed):
+        asked, got = session.decision, message.decision
+        return "" if got == asked else f"answered for decision {got} instead of {asked}"
+    if (message.episode, message.step) != (session.episode, len(live.actions_taken)):
+        return f"began episode {message.episode}, step {message.step} instead of the one it was asked for"
+    if message.actions != live.actions:
+        return f"has the actions {', '.join(message.actions)[:200]}, not those of the session"
+    return ""
