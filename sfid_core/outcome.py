@@ -14,5 +14,5 @@ class Outcome(Enum):
 
     @property
     def terminal(self) -> bool:
-        """Whether nothing can follow. A capped episode is not terminal: the learner still looks ahead from it."""
-        return self in {Outcome.SOLVED, Outcome.DEADLOCK}
+        """Whether nothing can follow. A capped episode is not terminal: the learner looks ahead from it."""
+        return self is Outcome.SOLVED or self is Outcome.DEADLOCK  # at every step: a set would hash it

@@ -85,8 +85,8 @@ class _Run:
             board = taken.board
             self.decision += 1
             steps_done += 1
-            if taken.outcome.value != "running":
-                return tally.measures(episode, optimal_steps, Outcome(taken.outcome.value))
+            if taken.outcome is not Outcome.RUNNING:
+                return tally.measures(episode, optimal_steps, taken.outcome)
 
     def _answers(self, board: Board, state: bytes, action: int) -> Sequence[Answer]:
         """Return what the teachers say, by name; a silent teacher gives none."""

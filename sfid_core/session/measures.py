@@ -1,14 +1,14 @@
 """The founding paper's measures, per step, per episode and per session."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from sfid_core.learning.q_learning import TDErrors
 from sfid_core.outcome import Outcome
 from sfid_core.teaching.answers import Answer
 
 
-@dataclass(frozen=True, slots=True)
-class StepMeasures:
+class StepMeasures(NamedTuple):
     """One learnt step, whole: what was seen, said, done and learnt."""
 
     decision: int

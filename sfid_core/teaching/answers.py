@@ -1,7 +1,7 @@
 """What a teacher can say about a decision."""
 
-from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 
 class AnswerKind(Enum):
@@ -21,8 +21,7 @@ class AnswerKind(Enum):
     """Seen, and deliberately nothing to say: counts for the quorum, never for learning."""
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
+class Answer(NamedTuple):
     """One teacher's answer to one decision.
 
     `action` is an index into the session's actions (labels, mistake marks), `reward` lies in [-1, 1],

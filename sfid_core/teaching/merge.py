@@ -1,6 +1,5 @@
 """How the answers of several direct teachers become one: a vote each, and a tie is silence (our rule)."""
 
-from collections import Counter
 from collections.abc import Iterable
 
 from sfid_core.teaching.answers import Answer, AnswerKind
@@ -8,11 +7,13 @@ from sfid_core.teaching.answers import Answer, AnswerKind
 
 def merge_labels(answers: Iterable[Answer]) -> int | None:
     """Return the action that most teachers named, or None when nobody named one or there is a tie."""
-    votes = Counter(answer.action for answer in answers if answer.kind is AnswerKind.LABEL)
-    ranked = votes.most_common(2)
-    if not ranked or (len(ranked) == 2 and ranked[0][1] == ranked[1][1]):
-        return None
-    return ranked[0][0]
+    votes: dict[int | None, int] = {}
+    for answer in answers:
+        if answer.kind is AnswerKind.LABEL:
+            votes[answer.action] = votes.get(answer.action, 0) + 1
+    most = max(votes.values(), default=0)
+    first = [action for action, count in votes.items() if count == most]
+    return first[0] if len(first) == 1 else None
 
 
 def merge_rewards(answers: Iterable[Answer]) -> float | None:

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from random import Random
 
 from sfid_core.experiments.batch import world_of
-from sfid_core.outcome import Outcome
 from sfid_core.session.config import SessionConfig
 from sfid_core.session.effects import BeginEpisode, Effect, Execute
 from sfid_core.session.events import (
@@ -77,9 +76,8 @@ class Live:
             self.before = self.board
             done = self.world.execute(self.board, ACTIONS[effect.action], self.session.step)
             self.board = done.board
-            outcome = Outcome(done.outcome.value)
             state, view = self.board.state_key(), self.board.to_xsb()
-            self.waiting.append(StepTaken(effect.decision, done.reward, outcome, state, view))
+            self.waiting.append(StepTaken(effect.decision, done.reward, done.outcome, state, view))
 
     def _ask(self) -> None:
         """Let every teacher answer the open decision, then let the window elapse if it is still open."""
