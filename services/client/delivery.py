@@ -139,8 +139,10 @@ class Delivery:
         acknowledgement: Acknowledgement | None = None,
     ) -> None:
         del self._sending[sending.answer_id]
-        self._outbox.delete(sending.answer_id)
         self._tell(AnswerUpdate(sending.answer_id, state, acknowledgement, sending.attempts, reason))
+        self._outbox.delete(
+            sending.answer_id
+        )  # last: should it fail, the teacher still knows the answer's fate
 
     def _retry(self, sending: _Sending, reason: str) -> None:
         bound_ms = min(BACKOFF_MS_MAX, BACKOFF_MS_MIN << min(sending.attempts - 1, 10))
