@@ -76,13 +76,22 @@ class Operator:
             self._bus.ask(key, encode(message), replies.put, TIMEOUT_MS)
             reply = replies.get()
             if reply is not None and reply.ok:
-                return decode(reply.payload, expected)
+                return _as(reply.payload, expected)
             what = "no learner answers here" if reply is None else _reason_to_wait(reply.payload)
             if time.monotonic() >= until:
                 raise OperatorError(
                     f"{what}: start one with `sfid up` or `sfid learner`, or check --connect and --deployment"
                 )
             time.sleep(RETRY_S)
+
+
+def _as(payload: bytes, expected: type[M]) -> M:
+    try:
+        return decode(payload, expected)
+    except DecodeError as error:
+        raise OperatorError(
+            f"the learner's answer cannot be read ({error}): is it of this version?"
+        ) from None
 
 
 def _reason_to_wait(payload: bytes) -> str:

@@ -77,11 +77,18 @@ class Supervisor:
         Raises: SupervisorError when one ends before it is ready; its own line has then been printed.
         """
         with self._lock:
-            spawned = [self._spawn(service, []) for service in services]
-            for running in spawned:
-                self._await_ready(running)
-                self._running[running.service.name] = running
-        self._tell()
+            spawned: list[_Running] = []
+            try:
+                for service in services:
+                    spawned.append(self._spawn(service, []))  # noqa: PERF401 - those before a failure must be known
+                for running in spawned:
+                    self._await_ready(running)
+            except BaseException:  # also Ctrl-C: who was started together ends together
+                for running in spawned:
+                    self._end(running)
+                raise
+            self._running.update({running.service.name: running for running in spawned})
+            self._tell()
         return {running.service.name: running.detail for running in spawned}
 
     def processes(self) -> list[tuple[str, int]]:
@@ -155,11 +162,13 @@ class Supervisor:
         raise SupervisorError(self._last_words(running.service, code), code if code > 0 else 1)
 
     def _last_words(self, service: Service, code: int) -> str:
-        """Return the last line of a service that could not start, or its exit code when it said nothing."""
+        """Return the last line of a service that could not start; empty if it went to our own stderr."""
         if self._log_dir is not None:
             lines = (self._log_dir / f"{service.name}.log").read_text(errors="replace").strip().splitlines()
             if lines:
                 return lines[-1].removeprefix("sfid: ")
+        elif code > 0:
+            return ""
         return f"{service.name} could not start (exit code {code})"
 
     def _watch(self) -> None:
@@ -188,16 +197,25 @@ class Supervisor:
         try:
             again = self._spawn(running.service, recent)
             self._await_ready(again)
-        except SupervisorError as error:
-            self._failure = error
+        except (SupervisorError, OSError) as error:
+            text = (
+                str(error)
+                if isinstance(error, SupervisorError)
+                else f"{name} cannot be started again: {error}"
+            )
+            self._failure = SupervisorError(text, 1)
             return
         self._running[name] = again
         log.warning("%s runs again (pid %d)", name, again.process.pid)
         self._tell()
 
     def _tell(self) -> None:
-        if self._changed is not None:
+        if self._changed is None:
+            return
+        try:
             self._changed(self.processes())
+        except OSError as error:  # a full disk must not end the watch over the services
+            log.warning("who runs could not be written down: %s", error)
 
 
 def write_processes(path: Path, processes: list[tuple[str, int]]) -> None:

@@ -2,12 +2,9 @@
 
 import logging
 import queue
-import signal
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,6 +22,7 @@ from services.cli.failure import NOT_SO, CommandError
 from services.cli.options import CONNECT_TIMEOUT_MS, Episodes, Json, Level, Method, Seed, Starts, print_json
 from services.cli.session import session_config
 from services.cli.tables import labels_line, print_episodes, report_document
+from services.cli.waiting import stoppable
 from services.operator import Operator, OperatorError
 from services.router import free_endpoint
 from services.runtime.bus import Received
@@ -90,7 +88,7 @@ def demo(  # noqa: PLR0917 - one argument a flag
     pace = (VIEWER_PACE_MS if viewer else 0) if pace_ms is None else pace_ms
     deployed = launch.Deployed(data or _new_directory(), free_endpoint(), "demo")
     plan = _Plan(config, teachers, pace, viewer, Console(stderr=True), deployed)
-    with _stoppable():
+    with stoppable():
         report, rows, processes = _run(plan)
     _print_result(plan, report, rows, processes, as_json=json)
 
@@ -113,20 +111,6 @@ def _new_directory() -> Path:
     except OSError as error:
         message = f"sfid-data: {error.strerror or error}: name a --data directory that can be written"
         raise CommandError(message) from None
-
-
-@contextmanager
-def _stoppable() -> Iterator[None]:
-    """Let SIGTERM end the demo as Ctrl-C does: everything drains."""
-
-    def interrupt(_number: int, _frame: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _run(plan: _Plan) -> tuple[SessionReport, list[Episode], list[tuple[str, int]]]:

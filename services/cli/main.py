@@ -1,11 +1,14 @@
 """`sfid`: assembles the commands and turns every failure into one line and an exit code."""
 
+import os
 import sys
 from typing import NoReturn
 
 import typer
 from typer.exceptions import TyperException
 
+from protocol.codec import DecodeError
+from protocol.keys import KeyNameError
 from services.cli import demo, journal, levels, serve, session, teach, up
 from services.cli.failure import BAD_USAGE, CommandError
 from services.client import TeachingError
@@ -43,6 +46,8 @@ def main() -> None:
     except SupervisorError as error:
         _fail(str(error), error.exit_code)
     except (
+        DecodeError,
+        KeyNameError,
         BusError,
         JournalError,
         RouterError,
@@ -57,14 +62,17 @@ def main() -> None:
         _fail(f"{said.rstrip('.')}: `sfid --help` and `sfid COMMAND --help` show what there is", BAD_USAGE)
     except (KeyboardInterrupt, typer.Abort):
         sys.exit(INTERRUPTED)
-    except BrokenPipeError:
+    except BrokenPipeError:  # `sfid ... | head`: what is still buffered has nowhere to go
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     sys.exit(code or 0)
 
 
 def _fail(message: str, code: int) -> NoReturn:
+    """Say it in one line and leave; an empty message has been said by a child process."""
     sys.stdout.flush()
-    print(f"sfid: {message}", file=sys.stderr, flush=True)
+    if message:
+        print(f"sfid: {' '.join(message.split())}", file=sys.stderr, flush=True)
     sys.exit(code)
 
 

@@ -26,7 +26,7 @@ Starts = Annotated[
         help='Start states: "1" the level\'s own, a number N of drawn ones, "all", or "within:STEPS".'
     ),
 ]
-Seed = Annotated[int, typer.Option(help="Seed of every draw, 0 to 2^63-1.")]
+Seed = Annotated[int, typer.Option(help="Seed of every draw, 0 to 2^53-1.")]
 
 ENDPOINT = DEFAULT_ENDPOINT
 CONNECT_TIMEOUT_MS = 5_000

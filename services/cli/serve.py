@@ -5,14 +5,15 @@ from typing import Annotated
 
 import typer
 
+from protocol.keys import checked
 from services.cli.options import (
     ENDPOINT,
-    SERVICE_CONNECT_TIMEOUT_MS,
     Connect,
     Deployment,
     SupervisedFd,
     Verbose,
 )
+from services.cli.waiting import service_bus
 from services.runtime.process import ProcessConfig, ServiceProcess
 
 
@@ -48,10 +49,10 @@ def environment(
 ) -> None:
     """Run the environment: it owns the worlds and executes what learners decide."""
     from services.environment import EnvironmentConfig, run
-    from services.runtime.zenoh_bus import open_bus
 
+    checked(deployment, "deployment")
     process = ServiceProcess(ProcessConfig("environment", supervised_fd, verbose))
-    bus = open_bus(connect, SERVICE_CONNECT_TIMEOUT_MS)
+    bus = service_bus(connect, process.stop)
     try:
         run(EnvironmentConfig(deployment), bus, process.ready, process.stop)
     finally:
@@ -70,10 +71,10 @@ def learner(
     from services.learner.config import LearnerConfig
     from services.learner.service import run
     from services.runtime.clock import SystemClock
-    from services.runtime.zenoh_bus import open_bus
 
+    checked(deployment, "deployment")
     process = ServiceProcess(ProcessConfig("learner", supervised_fd, verbose))
-    bus = open_bus(connect, SERVICE_CONNECT_TIMEOUT_MS)
+    bus = service_bus(connect, process.stop)
     try:
         run(LearnerConfig(data, deployment, shard), bus, SystemClock(), process.ready, process.stop)
     finally:
@@ -95,10 +96,10 @@ def monitor(  # noqa: PLR0917 - one argument a flag
 ) -> None:
     """Run the monitor: it draws every session for remote viewing and keeps a recording."""
     from services.monitor.service import MonitorConfig, run
-    from services.runtime.zenoh_bus import open_bus
 
+    checked(deployment, "deployment")
     process = ServiceProcess(ProcessConfig("monitor", supervised_fd, verbose))
-    bus = open_bus(connect, SERVICE_CONNECT_TIMEOUT_MS)
+    bus = service_bus(connect, process.stop)
     config = MonitorConfig(
         recording_dir=recordings,
         deployment=deployment,

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from protocol.codec import DecodeError, decode, encode
 from protocol.keys import KeyNameError, Keys, checked
 from protocol.messages import CreateSession, WindowSpec, World
 from protocol.translate import config_of
@@ -36,7 +37,7 @@ session_app = typer.Typer(
     help="Create, watch and control teaching sessions.", no_args_is_help=True, rich_markup_mode=None
 )
 SessionName = Annotated[str, typer.Argument(help="Name of the session: a-z, 0-9, - and _.")]
-SEED_MAX = 2**63 - 1
+SEED_MAX = 2**53 - 1
 
 
 def add_to(app: typer.Typer) -> None:
@@ -65,7 +66,7 @@ def session_config(  # noqa: PLR0917 - one argument a flag
         message = f"unknown method {method!r}: choose one of {', '.join(METHODS)}"
         raise CommandError(message)
     if not 0 <= seed <= SEED_MAX:
-        message = f"seed {seed} is outside 0 to 2^63-1: choose another"
+        message = f"seed {seed} is outside 0 to 2^53-1: choose another"
         raise CommandError(message)
     StartsSpec.parse(starts)
     title, found = find_level(level)
@@ -82,7 +83,11 @@ def session_config(  # noqa: PLR0917 - one argument a flag
         teachers_min=teachers_min,
     )
     config_of(config)
-    return config
+    try:
+        return decode(encode(config), CreateSession)
+    except DecodeError as error:
+        message = f"the session cannot be created ({error}): change that value"
+        raise CommandError(message) from None
 
 
 def window_spec(mode: str, span_ms: int, quorum: int) -> WindowSpec:
@@ -95,9 +100,10 @@ def window_spec(mode: str, span_ms: int, quorum: int) -> WindowSpec:
 
 
 @contextmanager
-def operator(connect: str, deployment: str) -> Iterator[Operator]:
-    """Yield an operator of the deployment; its refusals become one line."""
+def operator(connect: str, deployment: str, session: str = "any") -> Iterator[Operator]:
+    """Yield an operator of the deployment, for a session of that name; its refusals become one line."""
     try:
+        checked(session, "session")
         keys = Keys(deployment)
     except KeyNameError as error:
         raise CommandError(str(error)) from None
@@ -162,7 +168,7 @@ def show(
     name: SessionName, connect: Connect = ENDPOINT, deployment: Deployment = "local", json: Json = False
 ) -> None:
     """Show a session's measures."""
-    with operator(connect, deployment) as asked:
+    with operator(connect, deployment, name) as asked:
         report, episodes = asked.show(name)
     if json:
         document = report_document(report, episodes)
@@ -177,7 +183,7 @@ def show(
 
 
 def _control(verb: str, name: str, connect: str, deployment: str) -> None:
-    with operator(connect, deployment) as asked:
+    with operator(connect, deployment, name) as asked:
         asked.control(name, verb)
 
 

@@ -10,13 +10,13 @@ from services.cli.failure import CommandError
 from services.cli.options import (
     CONNECT_TIMEOUT_MS,
     ENDPOINT,
-    SERVICE_CONNECT_TIMEOUT_MS,
     Connect,
     Deployment,
     Seed,
     SupervisedFd,
     Verbose,
 )
+from services.cli.waiting import service_bus
 from services.runtime.process import ProcessConfig, ServiceProcess
 
 teach_app = typer.Typer(
@@ -54,7 +54,6 @@ def scripted(  # noqa: PLR0917 - one argument a flag
     supervised_fd: SupervisedFd = None,
 ) -> None:
     """Teach by the exact oracle, with an error rate and a silence rate."""
-    from services.runtime.zenoh_bus import open_bus
     from services.teachers.scripted import ScriptedConfig, run
 
     keys = _names(session, name, deployment)
@@ -63,7 +62,7 @@ def scripted(  # noqa: PLR0917 - one argument a flag
         session=session, teacher=name, seed=seed, error_rate=error_rate, silence_rate=silence_rate,
         delay_ms=delay_ms, deployment=keys.deployment,
     )  # fmt: skip
-    bus = open_bus(connect, SERVICE_CONNECT_TIMEOUT_MS)
+    bus = service_bus(connect, process.stop)
     try:
         run(config, bus, process.ready, process.stop)
     finally:

@@ -1,8 +1,8 @@
 """`sfid up`: a supervised set of services."""
 
 import logging
-import signal
-import threading
+import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +10,7 @@ import typer
 
 from services.cli import launch
 from services.cli.failure import CommandError
+from services.cli.waiting import stoppable
 from services.runtime.config import Config, ConfigError, read_config
 
 log = logging.getLogger("sfid.up")
@@ -38,14 +39,12 @@ def up(
     except OSError as error:
         message = f"{deployed.data}: {error.strerror or error}: name a --data directory that can be written"
         raise CommandError(message) from None
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)-7s up %(message)s")
-    _run(deployed, settings, viewer, stop)
+    with suppress(KeyboardInterrupt), stoppable():  # being stopped is how it ends well
+        _run(deployed, settings, viewer)
 
 
-def _run(deployed: launch.Deployed, settings: Config, viewer: bool | None, stop: threading.Event) -> None:
+def _run(deployed: launch.Deployed, settings: Config, viewer: bool | None) -> None:
     supervisor = launch.supervise(deployed.data, None)
     try:
         supervisor.start(launch.router(deployed))
@@ -60,7 +59,8 @@ def _run(deployed: launch.Deployed, settings: Config, viewer: bool | None, stop:
         if details.get("monitor"):
             print(details["monitor"], flush=True)
         print("next: `sfid session create NAME`, then `sfid teach keyboard --session NAME`", flush=True)
-        while not stop.wait(CHECK_S):
+        while True:
             supervisor.check()
+            time.sleep(CHECK_S)
     finally:
         supervisor.stop()

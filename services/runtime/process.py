@@ -12,6 +12,7 @@ import socket
 import sys
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 
 DRAIN_MAX_S = 10.0
@@ -48,7 +49,8 @@ class ServiceProcess:
         """Tell the supervisor that the service can be used; `detail` is for people (where to watch, say)."""
         logging.getLogger("sfid").info("ready%s", f": {detail}" if detail else "")
         if self._line is not None:
-            self._line.sendall(json.dumps({"ready": detail}).encode() + b"\n")
+            with suppress(OSError):  # the supervisor is gone; `_watch_supervisor` sees to that
+                self._line.sendall(json.dumps({"ready": detail}).encode() + b"\n")
 
     def _on_signal(self, number: int, _frame: object) -> None:
         if self.stop.is_set():
