@@ -1,1 +1,1 @@
-"""The wire: frozen messages, a bounded codec, every key and the journal's records. See README.md in this folder."""
+"""The wire: frozen messages, a bounded codec, every key, journal records. README.md here is the contract."""
