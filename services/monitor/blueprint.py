@@ -70,7 +70,10 @@ def _plot(
 ) -> rrb.TimeSeriesView:
     axis = None if span is None else rrb.ScalarAxis(range=span)
     legend = rrb.PlotLegend(corner=corner)
-    return rrb.TimeSeriesView(origin=f"/{entity}", name=name, axis_y=axis, plot_legend=legend)
+    always = rr.TimeRangeBoundary.infinite()
+    # Said in full, because a late viewer otherwise keeps the stretch it saw first.
+    whole = rrb.archetypes.TimeAxis(link="Independent", view_range=rr.TimeRange(start=always, end=always))
+    return rrb.TimeSeriesView(origin=f"/{entity}", name=name, axis_x=whole, axis_y=axis, plot_legend=legend)
 
 
 def _lanes() -> rrb.StateTimelineView:
@@ -79,7 +82,7 @@ def _lanes() -> rrb.StateTimelineView:
         end=rr.TimeRangeBoundary.cursor_relative(seq=2),
     )
     axis = rrb.archetypes.TimeAxis(link="Independent", view_range=shown)
-    name = f"What each teacher said (last {LANES_SHOWN} decisions)"
+    name = "What each teacher said: blue ←, amber →, pink ↑, green ↓"
     return rrb.StateTimelineView(origin="/teachers", name=name, time_view=axis)
 
 

@@ -166,7 +166,9 @@ def _teachers_towards(action: str, frame: Frame, colours: TeacherColours) -> lis
         items += [(f"{teacher} {reward:+g}", colours.of(teacher)) for teacher, reward in rewards]
     if len(items) > NAMED_ARROWS_MAX:
         return [(f"{len(items)} teachers", TEACHER_COLOURS[0])]
-    return items
+    # Names side by side would cover each other: the last arrow carries those of all.
+    names = ", ".join(name for name, _ in items)
+    return [("", colour) for _, colour in items[:-1]] + [(names, colour) for _, colour in items[-1:]]
 
 
 def _side_by_side(

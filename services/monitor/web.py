@@ -1,8 +1,8 @@
 """The viewer's web page on loopback.
 
 `rr.serve_web_viewer` binds every interface of the machine. So the page's files are read once, at start, from
-the viewer program of the wheel (bound to loopback, ended at once), and served from here: on loopback only, and
-with a content policy that lets the page call our two servers and nobody else. Left alone it loads fonts and
+the viewer program of the wheel (bound to loopback, ended at once). They are served from here, on loopback,
+with a content policy that lets the page call our two servers and nobody else: left alone it loads fonts and
 reports use.
 """
 
@@ -143,12 +143,7 @@ def read_bundle() -> Bundle:
         command.append(f"rerun+http://{LOOPBACK}:{port}/proxy")
         process = subprocess.Popen(
             command,
-            env={
-                **os.environ,
-                "XDG_CONFIG_HOME": folder,
-                "XDG_DATA_HOME": folder,
-                **_no_analytics(Path(folder)),
-            },
+            env=_environment(Path(folder)),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -164,8 +159,8 @@ def read_bundle() -> Bundle:
             process.wait()
 
 
-def _no_analytics(folder: Path) -> dict[str, str]:
-    """Write the settings under which the program reports nothing; returns what more its environment needs."""
+def _environment(folder: Path) -> dict[str, str]:
+    """Return an environment in which the program reports nothing and leaves nothing in the person's home."""
     settings = folder / "rerun" / "analytics.json"
     settings.parent.mkdir()
     content = {
@@ -176,7 +171,7 @@ def _no_analytics(folder: Path) -> dict[str, str]:
         "data_dir_path": str(folder / "analytics"),
     }
     settings.write_text(json.dumps(content))
-    return {"RUST_LOG": "error"}
+    return {"HOME": str(folder), "XDG_CONFIG_HOME": str(folder), "RUST_LOG": "error"}
 
 
 def _await_listening(port: int, process: subprocess.Popen[bytes]) -> None:

@@ -67,11 +67,12 @@ class Lesson:
             h = 0.0 if not said else (1.0 if 2 * agreed > len(said) else -1.0)
             yield self._decision(board, episode, steps, "executing", ACTION_NAMES[action])
             after = taken(board, ACTIONS[action]).board
-            solved = after.solved
-            reward = 10.0 if solved else 0.0
-            following = 0.0 if solved else max(self._row(after))
+            solved, stuck = after.solved, after.state_key() not in self.distance
+            reward = 10.0 if solved else -10.0 if stuck else 0.0
+            following = 0.0 if solved or stuck else max(self._row(after))
             errors = update(row, action, reward, h, following, 0.3, GAMMA)
-            outcome = "solved" if solved else ("cap" if steps + 1 == self.steps_max else "running")
+            ended = "solved" if solved else "deadlock" if stuck else ""
+            outcome = ended or ("cap" if steps + 1 == self.steps_max else "running")
             yield Step(
                 session=self.session,
                 epoch=self.epoch,

@@ -62,14 +62,15 @@ class SavingViewer:
             self.process.kill()
             self.process.wait()
 
-    def episodes(self) -> list[int]:
-        """The episodes whose curves have arrived so far."""
+    def seen(self) -> tuple[list[int], bool]:
+        """The episodes whose curves have arrived so far, and whether a picture has."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the file is still being written and has no footer
             try:
-                return [at["episode"] for at, _ in rows_of(self.path, "curves/steps", SCALARS)]
+                episodes = [at["episode"] for at, _ in rows_of(self.path, "curves/steps", SCALARS)]
+                return episodes, bool(rows_of(self.path, "world", "EncodedImage:blob"))
             except (OSError, RuntimeError, ValueError):
-                return []
+                return [], False
 
 
 def eventually(condition: Callable[[], bool]) -> None:
@@ -116,10 +117,9 @@ def test_a_late_viewer_sees_the_whole_past(monitor: Running, tmp_path: Path) -> 
     monitor.publish(*Lesson(episodes=3).messages())
     viewer = SavingViewer(tmp_path / "seen.rrd", addresses_of(monitor))
     try:
-        eventually(lambda: viewer.episodes() == [0, 1, 2])
+        eventually(lambda: viewer.seen() == ([0, 1, 2], True))
     finally:
         viewer.end()
-    assert rows_of(viewer.path, "world", "EncodedImage:blob")
 
 
 FROZEN = """

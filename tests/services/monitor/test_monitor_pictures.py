@@ -165,3 +165,11 @@ def test_the_last_step_of_an_episode_is_followed_by_the_board_it_ended_on() -> N
     decided, ended = frames_of_step(last, 7)
     assert (decided.view, decided.action, decided.bumped) == (last.view, last.action, False)
     assert (ended.view, ended.action, ended.moment) == (last.next_view, None, Moment(last.decision + 1, 7))
+
+
+def test_teachers_who_agree_have_an_arrow_each_and_one_label_with_their_names() -> None:
+    colours = TeacherColours()
+    said = (label("ada", "UP"), label("ben", "UP"))
+    arrows = draw_world(frame(VIEW, None, *said), colours).arrows
+    expected = [("", colours.of("ada")), ("ada, ben", colours.of("ben"))]
+    assert [(arrow.label, arrow.colour) for arrow in arrows] == expected
