@@ -55,7 +55,11 @@ _chance = secrets.SystemRandom().random
 
 
 class Client:
-    """A context manager. `answer` and `control` may be called on any thread, `next` on one at a time."""
+    """A context manager. `answer` and `control` may be called on any thread, `next` on one at a time.
+
+    Args: measures: whether to hear of learnt steps and finished episodes from the start; a teacher who needs
+    neither spares the router a message a step (`watch_measures` begins later).
+    """
 
     def __init__(
         self,
@@ -67,6 +71,7 @@ class Client:
         outbox: Outbox,
         clock: Clock,
         token: str | None = None,
+        measures: bool = True,
     ) -> None:
         self.session = checked(session, "session")
         self.teacher = checked(teacher, "teacher")
@@ -92,12 +97,14 @@ class Client:
         self._missed = False
         self._closed = False
         self._withdraw: Callable[[], None] | None = None
+        self._wants_measures, self._watches_measures = measures, False
 
     def __enter__(self) -> Self:
         bus, keys = self._bus, self._keys
         self._delivery.load(self.session, self.teacher)
         bus.subscribe(keys.decision(self.session), partial(self._receive, self._on_decision))
-        bus.subscribe(keys.measures(self.session), partial(self._receive, self._on_measures))
+        if self._wants_measures:
+            self.watch_measures()
         self._withdraw = bus.announce(keys.present(self.session, self.teacher))
         bus.on_connection(lambda connected: self._inbox.put((self._on_connection, connected)))
         self._ask_to_join()
@@ -118,6 +125,12 @@ class Client:
             if self._withdraw is not None:
                 self._withdraw()
             self._inbox.put((_nothing, None))
+
+    def watch_measures(self) -> None:
+        """Hear of learnt steps and finished episodes from now on; twice is once."""
+        if not self._watches_measures:
+            self._watches_measures = True
+            self._bus.subscribe(self._keys.measures(self.session), partial(self._receive, self._on_measures))
 
     @property
     def unacknowledged(self) -> int:

@@ -169,7 +169,7 @@ def run(
     # In memory: after a crash the same seed gives the same answers to the same decisions.
     client = Client(
         bus, Keys(config.deployment), config.session, config.teacher,
-        outbox=Outbox(), clock=clock, token=config.token,
+        outbox=Outbox(), clock=clock, token=config.token, measures=False,
     )  # fmt: skip
     script, troubles = Script(config, client.has_answered), _Troubles(config.session)
     with client:
@@ -180,6 +180,8 @@ def run(
                 break
             if isinstance(update, Refused) and update.final:
                 raise ScriptedError(f"session {config.session!r}: {update.reason} ({update.code})")
+            if isinstance(update, Welcomed) and update.welcome.decision.asked == "reward":
+                client.watch_measures()  # the state before the action, should a decision message be lost
             if update is not None:
                 script.hear(update, clock.now_ns())
                 troubles.note(update)

@@ -38,7 +38,7 @@ def _measure(rig: Rig) -> dict[str, object]:
     clock = SystemClock()
     rates, bare_rates = [], []
     with (
-        Client(rig.bus, rig.keys, "lockstep", "bench", outbox=Outbox(), clock=clock) as client,
+        Client(rig.bus, rig.keys, "lockstep", "bench", outbox=Outbox(), clock=clock, measures=False) as client,
         bare_peer.open_session(rig.endpoint) as session,
     ):
         decided: queue.SimpleQueue[object] = queue.SimpleQueue()
