@@ -39,46 +39,53 @@ def topology(keys: Keys) -> tuple[Node, ...]:
     """Return every role of a deployment, in the order in which processes start."""
     return (
         Node(Role.ROUTER, "carries all messages; every other process is its client"),
+        *_services(keys),
+        *_clients(keys),
+    )
+
+
+def _services(keys: Keys) -> tuple[Node, ...]:
+    worlds = (keys.environment("begin"), keys.environment("execute"))
+    sessions = (keys.learner("create"), keys.learner("list"), keys.learner("show"))
+    return (
         Node(
             Role.ENVIRONMENT,
             "owns the worlds and executes actions, exactly once a decision",
-            serves=(keys.environment("begin"), keys.environment("execute")),
+            serves=worlds,
             announces=(keys.service("environment"),),
         ),
         Node(
             Role.LEARNER,
             "owns sessions and their journal, opens decisions, acknowledges answers",
             publishes=(keys.decision(), keys.measures()),
-            serves=(
-                keys.answer(),
-                keys.join(),
-                keys.control(),
-                keys.learner("create"),
-                keys.learner("list"),
-                keys.learner("show"),
-            ),
-            asks=(keys.environment("begin"), keys.environment("execute")),
+            serves=(keys.answer(), keys.join(), keys.control(), *sessions),
+            asks=worlds,
             announces=(keys.service("learner"),),
             watches=(keys.present(),),
         ),
+    )
+
+
+def _clients(keys: Keys) -> tuple[Node, ...]:
+    news = (keys.decision(), keys.measures())
+    return (
         Node(
             Role.MONITOR,
             "draws sessions for remote viewing; may be slow, absent or dead",
-            subscribes=(keys.decision(), keys.measures()),
+            subscribes=news,
             asks=(keys.learner("list"), keys.learner("show")),
-            announces=(keys.service("monitor"),),
         ),
         Node(
             Role.TEACHER,
             "sees decisions and answers them",
-            subscribes=(keys.decision(), keys.measures()),
+            subscribes=news,
             asks=(keys.join(), keys.answer(), keys.control()),
             announces=(keys.present(),),
         ),
         Node(
             Role.OPERATOR,
             "the command line: creates, lists, shows and controls sessions",
-            subscribes=(keys.decision(), keys.measures()),
+            subscribes=news,
             asks=(
                 keys.learner("create"),
                 keys.learner("list"),

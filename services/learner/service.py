@@ -239,41 +239,45 @@ class Learner:
         return self.shard.append(live.name, kind.value, body, at_ns=at_ns, unique=unique, person=person)
 
     def perform(self, live: LiveSession, at_ns: int, effects: tuple[Effect, ...]) -> None:
-        """Carry out effects in order; the decision is published once, as it stands after all of them."""
+        """Carry out effects: what the round waits for first, what only watchers see last.
+
+        The decision is published once, as it stands after all of them.
+        """
         announce = False
         for effect in effects:
             match effect:
-                case StepDone(measures):
-                    self.bus.publish(
-                        self.keys.measures(live.name),
-                        encode(step_message(measures, live.session, live.actions, at_ns)),
-                    )
                 case Execute():
                     self.world.execute(live)
                 case BeginEpisode():
                     self.world.begin(live)
                 case Announce():
                     announce = True
+        if announce:
+            self.publish_decision(live, at_ns)
+        self._tell_watchers(live, at_ns, effects)
+        if live.session.deadline_ns is not None and live.session.deadline_ns != live.timer_ns:
+            live.timer_ns = live.session.deadline_ns
+            self._set_timer(live.session.deadline_ns, self._on_window, live)
+
+    def _tell_watchers(self, live: LiveSession, at_ns: int, effects: tuple[Effect, ...]) -> None:
+        for effect in effects:
+            match effect:
+                case StepDone(measures):
+                    self._publish_measures(live, step_message(measures, live.session, live.actions, at_ns))
                 case EpisodeDone(measures):
                     self._episode_done(live, at_ns, measures)
                 case SessionDone():
                     self.note_digest(live)
                     log.info("session %s finished after %d episodes", live.name, len(live.session.episodes))
-        if announce:
-            self.publish_decision(live, at_ns)
-        if live.session.deadline_ns is not None and live.session.deadline_ns != live.timer_ns:
-            live.timer_ns = live.session.deadline_ns
-            self._set_timer(live.session.deadline_ns, self._on_window, live)
+
+    def _publish_measures(self, live: LiveSession, message: Wire) -> None:
+        self.bus.publish(self.keys.measures(live.name), encode(message))
 
     def _episode_done(self, live: LiveSession, at_ns: int, measures: Any) -> None:  # noqa: ANN401 - EpisodeMeasures
         live.episodes_at.append((at_ns, live.session.decision, measures))
-        self.bus.publish(
-            self.keys.measures(live.name), encode(episode_message(measures, live.session, at_ns))
-        )
+        self._publish_measures(live, episode_message(measures, live.session, at_ns))
         done = measures.episode + 1
-        if (
-            done & (done - 1) == 0
-        ):  # at 1, 2, 4, 8 ... episodes: a growing table is hashed a bounded number of times
+        if done & (done - 1) == 0:  # 1, 2, 4, 8 ...: a growing table is hashed a bounded number of times
             self.note_digest(live)
 
     def publish_decision(self, live: LiveSession, at_ns: int) -> None:
