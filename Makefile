@@ -25,7 +25,8 @@ demo: ## everything on this machine, with a scripted teacher
 	$(bin)/sfid demo
 
 bench: ## the figures of the README
-	$(bin)/pytest tests/benchmarks -q -s
+	for name in sokoban_step live_step label_latency decisions; do \
+		echo "== $$name" && $(bin)/python tests/benchmarks/$$name.py || exit 1; done
 
 # The locks name versions and hashes and no index, so that they install from any mirror.
 #   requirements.lock           everything: all extras and what the tests need

@@ -24,7 +24,7 @@ def open_session(endpoint: str) -> zenoh.Session:
     return zenoh.open(zenoh.Config.from_json5(json.dumps(client_config(endpoint))))
 
 
-def direct(callback: Callable[[Any], None]) -> Any:
+def direct(callback: Callable[[Any], None]) -> zenoh.handlers.Callback[Any]:
     """Return a handler that runs on Zenoh's own thread, as the project's are."""
     return zenoh.handlers.Callback(callback, indirect=False)
 
@@ -52,7 +52,10 @@ def learner(session: zenoh.Session) -> None:
             what, item = inbox.get()
             if what == "answer":
                 session.get(
-                    f"{ROOT}/execute", direct(lambda reply: inbox.put(("executed", reply))), payload=PAYLOAD, timeout=2.0
+                    f"{ROOT}/execute",
+                    direct(lambda reply: inbox.put(("executed", reply))),
+                    payload=PAYLOAD,
+                    timeout=2.0,
                 )
                 item.reply(key, PAYLOAD[:120])
                 del item

@@ -1,8 +1,9 @@
 """Lock-step decisions per second across three processes, beside the bare round trips that they need.
 
-One decision: the learner publishes it, the teacher answers by a query, the learner acknowledges after the commit, has the
-action executed by a query to the environment, learns, and publishes the next. The anchor sends messages of the same sizes the
-same way round between three bare Zenoh processes on the same router, without content. Rounds of both are interleaved.
+One decision: the learner publishes it, the teacher answers by a query, the learner acknowledges after the
+commit, has the action executed by a query to the environment, learns, and publishes the next. The anchor sends
+messages of about the same sizes the same way round between three bare Zenoh processes on the same router,
+without content. Rounds of both are interleaved.
 """
 
 import argparse
@@ -38,7 +39,9 @@ def _measure(rig: Rig) -> dict[str, object]:
     clock = SystemClock()
     rates, bare_rates = [], []
     with (
-        Client(rig.bus, rig.keys, "lockstep", "bench", outbox=Outbox(), clock=clock, measures=False) as client,
+        Client(
+            rig.bus, rig.keys, "lockstep", "bench", outbox=Outbox(), clock=clock, measures=False
+        ) as client,
         bare_peer.open_session(rig.endpoint) as session,
     ):
         decided: queue.SimpleQueue[object] = queue.SimpleQueue()
@@ -64,7 +67,11 @@ def _teach(client: Client, decisions: int) -> float:
     while answered < decisions:
         update = client.next(2.0)
         assert update is not None, "no decision within two seconds"
-        if isinstance(update, Opened) and update.decision.phase == "asking" and not client.has_answered(update.decision):
+        if (
+            isinstance(update, Opened)
+            and update.decision.phase == "asking"
+            and not client.has_answered(update.decision)
+        ):
             client.answer(update.decision, kind="label", action=update.decision.actions[answered % 4])
             answered += 1
     return decisions / (time.perf_counter() - start)
@@ -75,7 +82,10 @@ def _exchange(session: object, decided: "queue.SimpleQueue[object]", rounds: int
     start = time.perf_counter()
     for _ in range(rounds):
         session.get(  # type: ignore[attr-defined]
-            f"{bare_peer.ROOT}/answer", bare_peer.direct(lambda _reply: None), payload=bare_peer.PAYLOAD, timeout=2.0
+            f"{bare_peer.ROOT}/answer",
+            bare_peer.direct(lambda _reply: None),
+            payload=bare_peer.PAYLOAD,
+            timeout=2.0,
         )
         decided.get(timeout=2.0)
     return rounds / (time.perf_counter() - start)

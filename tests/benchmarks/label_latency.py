@@ -1,20 +1,19 @@
 """Time from sending a label to its durable acknowledgement, beside what it cannot do without.
 
-The anchor, in the same run and interleaved with it: a bare Zenoh query through the same router, and as many syncs of a
-file on the same disk as the journal performs for one acknowledgement. Then 32 teachers at once.
+The anchor, in the same run and interleaved with it: a bare Zenoh query through the same router, and as many
+syncs of a file on the same disk as the journal performs for one acknowledgement. Then 32 teachers at once.
 """
 
 import argparse
-import itertools
 import os
 import queue
 import statistics
 import time
 
-from protocol.codec import decode, encode
-from protocol.messages import Acknowledgement, Answer, Join, Welcome, WindowSpec
 from rig import Rig, bare, disk_kind, percentile, print_result, services, session_config, sync_seconds
 
+from protocol.codec import decode, encode
+from protocol.messages import Acknowledgement, Answer, Join, Welcome, WindowSpec
 from services.runtime.bus import Reply
 from services.runtime.zenoh_bus import open_bus
 
@@ -78,7 +77,9 @@ def _latency(rig: Rig, welcome: Welcome) -> dict[str, object]:
     for _ in range(ROUNDS):
         payloads = [_answer(welcome, "t0") for _ in range(LABELS_A_ROUND)]
         mine = [_timed(lambda payload=payload: _check(_ask(rig.bus, key, payload))) for payload in payloads]
-        bare_ones = [_timed(lambda payload=payload: _ask(rig.bus, "bare/echo", payload)) for payload in payloads]
+        bare_ones = [
+            _timed(lambda payload=payload: _ask(rig.bus, "bare/echo", payload)) for payload in payloads
+        ]
         disk = [sync_seconds(rig.data / "sync-probe", SYNCS_A_COMMIT) for _ in payloads]
         floor = statistics.median(bare_ones) + statistics.median(disk)
         labels += mine
@@ -120,22 +121,26 @@ def _load(rig: Rig) -> dict[str, object]:
     def send(name: str) -> None:
         bus = buses[names.index(name) % CONNECTIONS]
         start = time.perf_counter()
-        bus.ask(rig.keys.answer("latency", name), next(made[name]), lambda reply: done.put((name, start, reply)), 2_000)
+        bus.ask(
+            rig.keys.answer("latency", name),
+            next(made[name]),
+            lambda reply: done.put((name, start, reply)),
+            2_000,
+        )
 
     for name in names:
         send(name)
     latencies: list[float] = []
     begun = time.perf_counter()
-    for _ in itertools.count():
+    now = begun
+    while now - begun < LOAD_SECONDS:
         name, start, reply = done.get()
         now = time.perf_counter()
         assert reply is not None
         assert reply.ok, reply.payload
         latencies.append(now - start)
-        if now - begun > LOAD_SECONDS:
-            break
         send(name)
-    for _ in range(TEACHERS - 1):
+    for _ in names:
         done.get()
     for bus in buses:
         bus.close()

@@ -1,4 +1,4 @@
-"""What the service benchmarks share: a real router, environment and learner, bare peers beside them, and figures."""
+"""What the service benchmarks share: real services, bare Zenoh peers beside them, and figures."""
 
 import json
 import os
@@ -53,7 +53,9 @@ def bare(endpoint: str, *roles: str) -> Iterator[None]:
     """Run bare Zenoh processes on the same router."""
     processes = [
         subprocess.Popen(
-            [sys.executable, str(HERE / "bare.py"), role, endpoint], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+            [sys.executable, str(HERE / "bare.py"), role, endpoint],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
         )
         for role in roles
     ]
@@ -72,7 +74,9 @@ def bare(endpoint: str, *roles: str) -> Iterator[None]:
 def session_config(name: str, window: WindowSpec, episodes: int, teachers_min: int = 1) -> CreateSession:
     """Return a session on the packaged room."""
     world = World(level=packaged("room")[0].to_xsb(), level_name="room")
-    return CreateSession(session=name, world=world, episodes=episodes, window=window, teachers_min=teachers_min)
+    return CreateSession(
+        session=name, world=world, episodes=episodes, window=window, teachers_min=teachers_min
+    )
 
 
 def percentile(values: Sequence[float], share: float) -> float:
