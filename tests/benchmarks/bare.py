@@ -24,7 +24,7 @@ def open_session(endpoint: str) -> zenoh.Session:
     return zenoh.open(zenoh.Config.from_json5(json.dumps(client_config(endpoint))))
 
 
-def direct(callback: Callable[[Any], None]) -> zenoh.handlers.Callback[Any]:
+def direct(callback: Callable[[Any], None]) -> "zenoh.handlers.Callback[Any]":
     """Return a handler that runs on Zenoh's own thread, as the project's are."""
     return zenoh.handlers.Callback(callback, indirect=False)
 
