@@ -2,7 +2,7 @@
 
 One decision: the learner publishes it, the teacher answers by a query, the learner acknowledges after the
 commit, has the action executed by a query to the environment, learns, and publishes the next. The anchor
-sends messages of about the same sizes the same way round between three bare Zenoh processes on the same router,
+sends messages of about the same sizes the same way round between three bare Zenoh processes on one router,
 without content. Rounds of both are interleaved.
 """
 
