@@ -13,6 +13,7 @@ sfid/v1/<deployment>/service/<role>/<name>                       token   service
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 
 NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,47}")
 """Sessions, teachers, deployments: no wildcard, no `@`, no slash, nothing to escape in a path or a
@@ -87,8 +88,13 @@ class Keys:
 
     def session_and_teacher(self, key: str) -> tuple[str, str]:
         """Return (session, teacher) of a join, answer, control or present key; KeyNameError for any other."""
-        parts = key.removeprefix(self.root + "/").split("/")
-        if len(parts) != 4 or parts[0] != "session" or parts[2] not in _OF_A_TEACHER:
-            message = f"key {key[:120]!r} names no session and teacher"
-            raise KeyNameError(message)
-        return checked(parts[1], "session"), checked(parts[3], "teacher")
+        return _session_and_teacher(self.root, key)
+
+
+@lru_cache(8192)  # a teacher answers on one key for ever
+def _session_and_teacher(root: str, key: str) -> tuple[str, str]:
+    parts = key.removeprefix(root + "/").split("/")
+    if len(parts) != 4 or parts[0] != "session" or parts[2] not in _OF_A_TEACHER:
+        message = f"key {key[:120]!r} names no session and teacher"
+        raise KeyNameError(message)
+    return checked(parts[1], "session"), checked(parts[3], "teacher")

@@ -4,6 +4,7 @@ A supervised process inherits one end of a socket pair. It writes one JSON line 
 other end closes, the supervisor is gone and the process drains and leaves, so that no orphan stays behind.
 """
 
+import gc
 import json
 import logging
 import os
@@ -15,6 +16,8 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 
+GC_THRESHOLD = (50_000, 20, 100)
+"""Messages are freed by reference counts; the default of 700 scans the heap every few of them in vain."""
 DRAIN_MAX_S = 10.0
 """A process that has not drained by then is ended: something hangs that no patience mends."""
 
@@ -47,6 +50,9 @@ class ServiceProcess:
 
     def ready(self, detail: str = "") -> None:
         """Tell the supervisor that the service can be used; `detail` is for people (where to watch, say)."""
+        gc.collect()
+        gc.freeze()
+        gc.set_threshold(*GC_THRESHOLD)
         logging.getLogger("sfid").info("ready%s", f": {detail}" if detail else "")
         if self._line is not None:
             with suppress(OSError):  # the supervisor is gone; `_watch_supervisor` sees to that
