@@ -91,6 +91,9 @@ def monitor(  # noqa: PLR0917 - one argument a flag
     curves_port: Annotated[int, typer.Option(help="Port of the curves' stream; 0 takes a free one.")] = 19877,
     web_port: Annotated[int, typer.Option(help="Port of the viewer's web page; 0 takes a free one.")] = 19090,
     viewer: Annotated[bool, typer.Option(help="Serve viewers; otherwise only record.")] = True,
+    insecure_bind: Annotated[
+        bool, typer.Option(help="Serve on every address, although whoever reaches it can also write.")
+    ] = False,
     verbose: Verbose = False,
     supervised_fd: SupervisedFd = None,
 ) -> None:
@@ -107,6 +110,7 @@ def monitor(  # noqa: PLR0917 - one argument a flag
         curves_port=curves_port,
         web_port=web_port,
         viewer=viewer,
+        insecure_bind=insecure_bind,
     )
     try:
         run(config, bus, process.ready, process.stop)

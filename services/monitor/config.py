@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 LOOPBACK = "127.0.0.1"
+EVERYWHERE = "0.0.0.0"  # noqa: S104 - only by `insecure_bind`, said in so many words
 RERUN_OWN_PORT = 9876
 """A viewer on this machine takes this port for itself, and would write what it reads back into our server."""
 
@@ -38,6 +39,10 @@ class MonitorConfig:
     web_port: int | None = 19090
     """Port of the web page, on loopback; 0 takes a free one, None serves no page."""
 
+    insecure_bind: bool = False
+    """Serve on every address of this machine or container, although whoever reaches the streams can also
+    write into them: for a container whose ports are published on the host's loopback."""
+
     sessions_max: int = 16
     """Sessions shown at a time; the one that has been quiet longest gives way, its recording well ended."""
 
@@ -49,6 +54,8 @@ class Addresses:
     scene_port: int
     curves_port: int
     web_port: int | None
+    bind: str = LOOPBACK
+    """Address that the servers listen on."""
 
     @property
     def scene_url(self) -> str:
@@ -82,7 +89,7 @@ def chosen_ports(config: MonitorConfig) -> Addresses:
     scene = _port(config.scene_port, "scene_port", taken)
     curves = _port(config.curves_port, "curves_port", taken)
     web = None if config.web_port is None else _port(config.web_port, "web_port", taken)
-    return Addresses(scene, curves, web)
+    return Addresses(scene, curves, web, EVERYWHERE if config.insecure_bind else LOOPBACK)
 
 
 def _port(port: int, field: str, taken: set[int]) -> int:

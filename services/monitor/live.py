@@ -138,7 +138,7 @@ class _LiveSession:
 
 
 def _host(addresses: Addresses, port: int, field: str, history: str) -> rr.RecordingStream:
-    """Start a server on loopback and make sure that it listens. Raises MonitorError."""
+    """Start a server and make sure that it listens. Raises MonitorError."""
     native = rerun_bindings.new_blueprint(
         application_id=APPLICATION, make_default=False, make_thread_default=False, default_enabled=True
     )
@@ -146,7 +146,7 @@ def _host(addresses: Addresses, port: int, field: str, history: str) -> rr.Recor
     pages = [f"http://{name}:{addresses.web_port}" for name in (LOOPBACK, "localhost")]
     host.set_sinks(
         rr.GrpcServerSink(
-            LOOPBACK, port, server_memory_limit=history, newest_first=False, cors_allow_origin=pages
+            addresses.bind, port, server_memory_limit=history, newest_first=False, cors_allow_origin=pages
         )
     )
     try:

@@ -71,7 +71,7 @@ class WebPage:
         )
         self._bundle = bundle
         try:
-            self._server = _Server((LOOPBACK, port), _handler(bundle, policy))
+            self._server = _Server((addresses.bind, port), _handler(bundle, policy))
         except OSError:
             bundle.close()
             raise port_error("web_port", port) from None
