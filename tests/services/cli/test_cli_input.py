@@ -1,0 +1,120 @@
+"""Bad input: exit code 2 and exactly one line that says what is wrong, where, and the mend."""
+
+from pathlib import Path
+
+import pytest
+
+from services.router import free_endpoint
+from services.runtime.journal import Shard
+from services.runtime.process import DRAIN_MAX_S
+from tests.services.cli.command_line import running, sfid, wait_for
+
+pytestmark = pytest.mark.real
+WALLED = "######\n{}\n######\n"
+LEVELS = {
+    "no player": (WALLED.format("# $. #"), "no player"),
+    "two players": (WALLED.format("#@$.@#"), "two players"),
+    "unequal": (WALLED.format("#@$$.#"), "two boxes and one goal"),
+    "open": ("#####\n @$.#\n#####\n", "not enclosed"),
+    "empty": ("", "empty"),
+    "binary": ("\x00\x01\x02\x7fELF", "binary, not text"),
+    "large": ("#" * 2**20, "too big"),
+}
+
+
+def refused(*arguments: str) -> str:
+    """Return the one line with which a command is refused."""
+    done = sfid(*arguments)
+    lines = done.stderr.splitlines()
+    assert (done.code, done.stdout, len(lines)) == (2, "", 1), done
+    assert lines[0].startswith("sfid: ")
+    assert "Traceback" not in lines[0]
+    return lines[0]
+
+
+@pytest.mark.parametrize("fault", LEVELS)
+def test_a_level_that_cannot_be_played_is_refused_by_its_fault(tmp_path: Path, fault: str) -> None:
+    text, named = LEVELS[fault]
+    path = tmp_path / "bad.xsb"
+    path.write_text(text)
+    line = refused("levels", "show", str(path))
+    assert named in line
+    assert str(path) in line
+
+
+@pytest.mark.parametrize(
+    "arguments, named",
+    [
+        (("--level", "nowhere.xsb"), "no level 'nowhere.xsb'"),
+        (("--level", "room:99"), "room:0"),
+        (("--method", "sorcery"), "choose one of"),
+        (("--teacher", "oracle"), "choose from expert"),
+        (("--starts", "0"), "starts '0' is unknown"),
+        (("--seed", "-1"), "seed -1 is outside"),
+        (("--seed", str(2**60)), "seed 1152921504606846976 is outside"),
+        (("--episodes", "0"), "episodes 0 is outside"),
+        (("--episodes", "many"), "--episodes"),
+        (("--no-such-option",), "--no-such-option"),
+    ],
+)
+def test_a_demo_of_what_cannot_be_is_refused_before_anything_starts(
+    tmp_path: Path, arguments: tuple[str, ...], named: str
+) -> None:
+    data = tmp_path / "data"
+    assert named in refused("demo", "--no-viewer", "--data", str(data), *arguments)
+    assert not data.exists()
+
+
+@pytest.mark.parametrize(
+    "arguments, named",
+    [
+        (("sorcery",), "sorcery"),
+        (("session", "create", "s1", "--alpha", "1.5"), "alpha 1.5 is outside"),
+        (("session", "create", "s1", "--gamma", "1"), "gamma 1.0 is outside"),
+        (("session", "create", "s1", "--window-ms", "0"), "window span 0 ms is outside"),
+        (("session", "create", "s1", "--window-mode", "slow"), "unknown window mode 'slow'"),
+        (("session", "create", "s1", "--teachers-min", "5000"), "teachers_min"),
+        (("session", "create", "S 1"), "session name 'S 1' is not allowed"),
+        (("session", "stop", "a*"), "session name 'a*' is not allowed"),
+        (("session", "show", ""), "session name '' is not allowed"),
+        (("session", "list", "--connect", "here"), "endpoint 'here'"),
+        (("environment", "--deployment", "My Lab"), "deployment name 'My Lab'"),
+        (("router", "--listen", "tcp/0.0.0.0:7447"), "--insecure-bind"),
+        (("replay", "nowhere"), "nowhere"),
+    ],
+)
+def test_bad_usage_is_one_line(arguments: tuple[str, ...], named: str) -> None:
+    assert named in refused(*arguments)
+
+
+def test_a_wrong_key_in_the_configuration_is_named_with_the_keys_there_are(tmp_path: Path) -> None:
+    config = tmp_path / "sfid.toml"
+    config.write_text('dta = "here"\n')
+    line = refused("up", "--config", str(config))
+    assert str(config) in line
+    assert "`dta`" in line
+    assert "known keys are data, listen" in line
+
+
+def test_a_data_directory_below_a_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    below = str(tmp_path / "file" / "data")
+    for command in (("demo", "--no-viewer"), ("up",)):
+        line = refused(*command, "--data", below)
+        assert below in line
+        assert "name a --data directory that can be written" in line
+
+
+def test_a_taken_port_and_a_locked_directory_are_refused_by_name(tmp_path: Path) -> None:
+    endpoint, data = free_endpoint(), tmp_path / "data"
+    errors = tmp_path / "router.log"
+    with running("router", "--listen", endpoint, stderr=errors) as router, Shard.open(data):
+        wait_for("router", lambda: "ready" in errors.read_text())
+        taken = f"sfid: cannot listen at {endpoint}: another program has it"
+        assert refused("router", "--listen", endpoint).startswith(taken)
+        assert refused("up", "--listen", endpoint, "--data", str(tmp_path / "up")).startswith(taken)
+        locked = refused("learner", "--connect", endpoint, "--data", str(data))
+        assert str(data) in locked
+        assert refused("demo", "--no-viewer", "--data", str(data)) == locked
+        router.terminate()
+        assert router.wait(DRAIN_MAX_S) == 0
