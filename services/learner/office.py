@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING
 
-from protocol.codec import DecodeError, decode, encode
+from protocol.codec import PAYLOAD_MAX, DecodeError, decode, encode
 from protocol.journal import Kind
 from protocol.messages import (
     CreateSession,
@@ -22,7 +22,7 @@ from sfid_core.learning.method import ParameterError
 from sfid_core.session.events import Restarted
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from services.learner.live import LiveSession
     from services.learner.service import Learner
@@ -33,6 +33,8 @@ log = logging.getLogger("sfid.learner")
 EPISODES_A_REPORT = 100
 """About 25 KB: well within the largest payload."""
 SENDERS_A_REPORT = 100
+LIST_BYTES_MAX = PAYLOAD_MAX - 1_024
+"""A longer reply would be dropped in silence on its way: some 300 sessions fit."""
 
 
 class Office:
@@ -82,7 +84,7 @@ class Office:
         return None
 
     def _on_list(self, request: Request) -> None:
-        request.reply(encode(SessionList(sessions=tuple(map(_summary, self._learner.sessions.values())))))
+        request.reply(encode(SessionList(sessions=_fitting(self._learner.sessions.values()))))
 
     def _on_show(self, request: Request) -> None:
         try:
@@ -113,6 +115,19 @@ class Office:
             first_episode=first,
             episodes=tuple(episode_message(measures, session, at_ns) for at_ns, _, measures in shown),
         )
+
+
+def _fitting(sessions: Iterable[LiveSession]) -> tuple[SessionSummary, ...]:
+    """Return a line about every session, or, where they are too many for a message, about the latest."""
+    chosen: list[SessionSummary] = []
+    size = 0
+    for live in reversed(tuple(sessions)):
+        summary = _summary(live)
+        size += len(encode(summary))
+        if size > LIST_BYTES_MAX:
+            break
+        chosen.append(summary)
+    return tuple(reversed(chosen))
 
 
 def _summary(live: LiveSession) -> SessionSummary:

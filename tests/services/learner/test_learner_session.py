@@ -6,8 +6,18 @@ from typing import Any
 import msgspec
 import pytest
 
-from protocol.codec import decode
-from protocol.messages import Begun, CreateSession, Executed, LabelTotals, Refusal, WindowSpec, Wire
+from protocol.codec import PAYLOAD_MAX, decode
+from protocol.messages import (
+    Begun,
+    CreateSession,
+    Executed,
+    LabelTotals,
+    Refusal,
+    SessionList,
+    SessionQuery,
+    WindowSpec,
+    Wire,
+)
 from protocol.translate import config_of, episode_message, label_totals
 from services.replay import Replayed, replay_directory
 from services.runtime.journal import verify
@@ -313,3 +323,14 @@ def test_a_report_comes_in_pages_of_a_hundred_episodes(room: Classroom) -> None:
     second = decode(reply.payload, type(first))
     numbers = [episode.episode for episode in (*first.episodes, *second.episodes)]
     assert (len(first.episodes), second.first_episode, numbers) == (100, 100, list(range(130)))
+
+
+def test_a_list_of_more_sessions_than_a_message_holds_tells_of_the_latest(room: Classroom) -> None:
+    names = [f"session-{number}" for number in range(600)]
+    for name in names:
+        room.create(session(session=name))
+    reply = room.ask(room.watcher, KEYS.learner("list"), SessionQuery())
+    listed = [summary.session for summary in decode(reply.payload, SessionList).sessions]
+    assert len(reply.payload) <= PAYLOAD_MAX
+    assert len(listed) > 200
+    assert listed == names[-len(listed) :]
