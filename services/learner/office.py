@@ -97,7 +97,8 @@ class Office:
             reason = f"no session {message.session} here: `sfid session list` shows what there is"
             request.reply_error(encode(Refusal(code="unknown-session", reason=reason)))
             return
-        request.reply(encode(self._report(live, message.first_episode)))
+        # After the commit: whoever reads the journal next finds what the report says.
+        self._learner.reply_durably(request, self._report(live, message.first_episode))
 
     def _report(self, live: LiveSession, first: int) -> SessionReport:
         session = live.session

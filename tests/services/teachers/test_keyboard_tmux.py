@@ -1,0 +1,129 @@
+"""A person at a terminal: real services, a real terminal, keys pressed one by one, the screen read back."""
+
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from protocol.keys import Keys
+from protocol.messages import CreateSession, WindowSpec, World
+from services.cli import launch
+from services.operator import Operator
+from services.replay import replay_directory
+from services.router import free_endpoint
+from services.runtime.zenoh_bus import open_bus
+from sfid_core.sokoban.actions import Action
+from sfid_core.sokoban.levels import packaged, parse_levels
+from sfid_core.sokoban.solver import solve
+
+CELLS = {"██": "#", "  ": " ", "@@": "@", "(@": "+", "[]": "$", "()": ".", "{}": "*"}
+KEYS = {Action.LEFT: "Left", Action.RIGHT: "l", Action.UP: "w", Action.DOWN: "Down"}
+"""One of each set of keys that the screen offers: arrows, hjkl, wasd."""
+DEADLINE_S = 30.0
+PATIENCE_S = 2.0
+"""A key pressed in the very moment a decision appears may be meant for the one before: it is dropped."""
+
+
+class Terminal:
+    """A tmux session of its own server, so that nobody else's is touched."""
+
+    def __init__(self, socket: Path, command: list[str]) -> None:
+        self._tmux = ["tmux", "-S", str(socket), "-f", "/dev/null"]
+        self._run("new-session", "-d", "-s", "person", "-x", "100", "-y", "30", *command)
+
+    def _run(self, *arguments: str) -> str:
+        return subprocess.run([*self._tmux, *arguments], check=True, capture_output=True, text=True).stdout
+
+    def screen(self) -> str:
+        return self._run("capture-pane", "-p", "-t", "person")
+
+    def press(self, key: str) -> None:
+        self._run("send-keys", "-t", "person", key)
+
+    def wait_for(self, pattern: str, key: str | None = None) -> str:
+        """Return the screen as soon as it shows the pattern; press the key again when nothing happens."""
+        deadline = time.monotonic() + DEADLINE_S
+        again = time.monotonic() + PATIENCE_S
+        while True:
+            screen = self.screen()
+            if re.search(pattern, screen):
+                return screen
+            assert time.monotonic() < deadline, f"no {pattern!r} on the screen:\n{screen}"
+            if key is not None and time.monotonic() > again:
+                self.press(key)
+                again = time.monotonic() + PATIENCE_S
+
+    def end(self) -> None:
+        subprocess.run([*self._tmux, "kill-server"], check=False, capture_output=True)
+
+
+@pytest.fixture
+def deployed(tmp_path: Path) -> Iterator[launch.Deployed]:
+    """Yield a running router, environment and learner."""
+    found = launch.Deployed(tmp_path / "data", free_endpoint(), "tmux")
+    supervisor = launch.supervise(found.data, launch.make_directories(found.data))
+    try:
+        supervisor.start(launch.router(found))
+        supervisor.start(launch.environment(found), launch.learner(found))
+        yield found
+    finally:
+        supervisor.stop()
+
+
+def board_on(screen: str) -> str:
+    """Return the level that the screen draws, in XSB."""
+    rows = [line for line in screen.splitlines() if line.startswith("  ██")]
+    width = len(packaged("room")[0].to_xsb().splitlines()[0])
+    return "\n".join(
+        "".join(CELLS[row[2 + 2 * cell : 4 + 2 * cell]] for cell in range(width)) for row in rows
+    )
+
+
+@pytest.mark.skipif(shutil.which("tmux") is None, reason="tmux is not installed")
+def test_a_person_teaches_a_whole_episode_with_the_keyboard(
+    deployed: launch.Deployed, tmp_path: Path
+) -> None:
+    level = packaged("room")[0]
+    solution = solve(level)
+    bus = open_bus(deployed.endpoint, 5_000)
+    operator = Operator(bus, Keys(deployed.deployment))
+    window = WindowSpec(mode="until-answered", span_ms=2_000)
+    world = World(level=level.to_xsb(), level_name="room", starts="within:2")
+    operator.create(CreateSession(session="maze", world=world, episodes=1, window=window, seed=3))
+    command = [
+        sys.executable,
+        "-m",
+        "services.cli.main",
+        "teach",
+        "keyboard",
+        "--session",
+        "maze",
+        "--name",
+        "ann",
+    ]
+    command += ["--connect", deployed.endpoint, "--deployment", deployed.deployment]
+    terminal = Terminal(tmp_path / "tmux", [*command, "--outbox", str(tmp_path / "outbox")])
+    try:
+        answered, key = 0, None
+        while True:
+            screen = terminal.wait_for(rf"step {answered + 1} |finished", key)
+            if "finished" in screen:
+                break
+            board = parse_levels(board_on(screen))[0].start
+            key = KEYS[solution.optimal_actions(board)[0]]
+            terminal.press(key)
+            answered += 1
+        terminal.press("q")
+        report, (episode,) = operator.show("maze")
+    finally:
+        terminal.end()
+        bus.close()
+    assert episode.steps == episode.inputs == answered
+    assert (report.labels.submitted, report.labels.acknowledged, report.labels.applied) == (answered,) * 3
+    (replayed,) = replay_directory(deployed.data)
+    assert replayed.q_sha256 == report.q_sha256
