@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -48,9 +49,11 @@ def running(*arguments: str, stderr: Path | None = None) -> Iterator[subprocess.
 def wait_for(what: str, happened: Callable[[], bool], seconds: float = 30.0) -> None:
     """Return as soon as it has happened; fail when that takes longer than the deadline."""
     deadline = time.monotonic() + seconds
+    # Another process's files and states announce nothing: they are looked at again, at a steady pace.
+    pace = threading.Event()
     while not happened():
         assert time.monotonic() < deadline, f"{what}: not within {seconds} s"
-        time.sleep(0.02)
+        pace.wait(0.02)
 
 
 def alive(pid: int) -> bool:
