@@ -59,7 +59,9 @@ def test_the_wheel_holds_the_three_packages_and_nothing_else(wheel_names: set[st
     assert f"{metadata}/licenses/LICENSE" in wheel_names
 
 
-def test_every_file_of_the_packages_but_prose_pictures_and_golden_bytes_is_in_the_wheel(wheel_names: set[str]) -> None:
+def test_all_of_the_packages_but_prose_pictures_and_golden_bytes_is_in_the_wheel(
+    wheel_names: set[str],
+) -> None:
     expected = {
         path.relative_to(ROOT).as_posix()
         for package in PACKAGES
