@@ -49,10 +49,12 @@ class _Episode:
     world: World | None
     """None once the episode is over: the last reply stays, the tables go."""
     board: Board
+    state: bytes
+    """The board's key."""
     steps: int = 0
-    decision: int = -1
     action: str = ""
-    answered: bytes = b""
+    answered: Executed | None = None
+    """The last reply and the action it answers: a repeat gets it again."""
 
 
 class Environment:
@@ -89,7 +91,7 @@ class Environment:
             board = world.execute(board, _action(name), steps_done).board
         self._episodes.pop(request.session, None)
         self._episodes[request.session] = _Episode(
-            request.epoch, request.episode, world, board, len(request.actions)
+            request.epoch, request.episode, world, board, board.state_key(), len(request.actions)
         )
         if len(self._episodes) > EPISODES_MAX:
             del self._episodes[next(iter(self._episodes))]
@@ -126,26 +128,27 @@ class Environment:
         if request.epoch < running.epoch:
             return _stale(request.epoch, running.epoch)
         running.epoch = request.epoch
-        if request.decision == running.decision and request.action == running.action:
-            return decode(running.answered, Executed)
-        world, stands = running.world, (running.episode, running.steps, running.board.state_key())
+        answered = running.answered
+        if answered is not None and (request.decision, request.action) == (answered.decision, running.action):
+            return answered
+        world, stands = running.world, (running.episode, running.steps, running.state)
         if world is None or (request.episode, request.step, request.state) != stands:
             return Refusal(
                 code="unknown-session", reason="the episode stands elsewhere: begin it with the actions taken"
             )
         done = world.execute(running.board, _action(request.action), running.steps)
-        running.board, running.steps = done.board, running.steps + 1
+        running.board, running.state, running.steps = done.board, done.board.state_key(), running.steps + 1
         if done.outcome is not Outcome.RUNNING:
             running.world = None
-        reply = Executed(
+        running.action = request.action
+        running.answered = Executed(
             decision=request.decision,
             reward=done.reward,
             outcome=done.outcome.value,
-            state=done.board.state_key(),
+            state=running.state,
             view=done.board.to_xsb(),
         )
-        running.decision, running.action, running.answered = request.decision, request.action, encode(reply)
-        return reply
+        return running.answered
 
 
 def _rules(spec: WorldSpec) -> WorldConfig:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from protocol.journal import Folded
+from protocol.keys import Keys
 from protocol.messages import CreateSession
 from protocol.translate import action_names, config_of
 from sfid_core.session.measures import EpisodeMeasures
@@ -15,6 +16,8 @@ class LiveSession:
 
     session: Session
     config: CreateSession
+    decision_key: str
+    measures_key: str
     actions: tuple[str, ...]
     numbers: dict[str, int]
     known: set[str] = field(default_factory=set)
@@ -40,16 +43,17 @@ class LiveSession:
         return self.config.session
 
 
-def created(config: CreateSession) -> LiveSession:
+def created(config: CreateSession, keys: Keys) -> LiveSession:
     """Return a new session; raise ParameterError when its configuration is not sound."""
     actions = action_names(config.world)
     session = new_session(config_of(config), len(actions))
-    return LiveSession(session, config, actions, {name: index for index, name in enumerate(actions)})
+    topics = keys.decision(config.session), keys.measures(config.session)
+    return LiveSession(session, config, *topics, actions, {name: index for index, name in enumerate(actions)})
 
 
-def recovered(folded: Folded) -> LiveSession:
+def recovered(folded: Folded, keys: Keys) -> LiveSession:
     """Return the session that a journal tells."""
-    live = created(folded.config)
+    live = created(folded.config, keys)
     live.session = folded.session
     live.known = folded.known
     live.actions_taken = folded.actions_taken

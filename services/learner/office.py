@@ -75,7 +75,7 @@ class Office:
             return Refusal(
                 code="busy", reason=f"this learner has {learner.config.sessions_max} sessions: start another"
             )
-        live = created(message)
+        live = created(message, learner.keys)
         learner.sessions[message.session] = live
         at_ns = learner.at_ns()
         learner.append(live, Kind.CREATED, encode(message), at_ns)

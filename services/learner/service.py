@@ -94,7 +94,7 @@ class Learner:
                 message = f"session {name}: its journal cannot be read by this version ({error})"
                 raise JournalError(message) from None
             if folded is not None:
-                self.sessions[name] = recovered(folded)
+                self.sessions[name] = recovered(folded, self.keys)
         self._declare()
         for live in list(self.sessions.values()):
             if live.session.phase is not Phase.FINISHED:
@@ -271,7 +271,7 @@ class Learner:
                     log.info("session %s finished after %d episodes", live.name, len(live.session.episodes))
 
     def _publish_measures(self, live: LiveSession, message: Wire) -> None:
-        self.bus.publish(self.keys.measures(live.name), encode(message))
+        self.bus.publish(live.measures_key, encode(message))
 
     def _episode_done(self, live: LiveSession, at_ns: int, measures: Any) -> None:  # noqa: ANN401 - EpisodeMeasures
         live.episodes_at.append((at_ns, live.session.decision, measures))
@@ -283,7 +283,7 @@ class Learner:
     def publish_decision(self, live: LiveSession, at_ns: int) -> None:
         """Publish the decision as it stands."""
         live.sequence += 1
-        self.bus.publish(self.keys.decision(live.name), encode(self.decision(live, at_ns)))
+        self.bus.publish(live.decision_key, encode(self.decision(live, at_ns)))
 
     def decision(self, live: LiveSession, at_ns: int) -> Decision:
         """Return the decision as it stands."""

@@ -5,6 +5,7 @@ import json
 import threading
 import time
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from typing import Any, TypeVar
 
 import zenoh
@@ -36,6 +37,7 @@ class ZenohBus:
         self._asks: set[_Ask] = set()
         self._declared: list[object] = []
         self._served: list[str] = []
+        self._serves = lru_cache(4096)(self._is_served)
         self._session = _open_session(client_config(endpoint, limits), _no_router(endpoint))
         # Without this a session left open at interpreter exit could call into a Python that is gone.
         atexit.register(self.close)
@@ -84,6 +86,10 @@ class ZenohBus:
 
         self._declare(key_expression, declare)
         self._served.append(key_expression)
+        self._serves.cache_clear()
+
+    def _is_served(self, key: str) -> bool:
+        return any(matches(key_expression, key) for key_expression in self._served)
 
     def ask(self, key: str, payload: bytes, receive: Callable[[Reply | None], None], timeout_ms: int) -> None:
         """See Requests."""
@@ -95,7 +101,7 @@ class ZenohBus:
             self._guard.call("ask", receive, None)
             return
         # Left to itself Zenoh would ask a server on this bus and one elsewhere, both.
-        local = any(matches(key_expression, key) for key_expression in self._served)
+        local = self._serves(key)
         asked = _Ask(self._guard, receive, self._asks.discard)
         self._asks.add(asked)
         try:
