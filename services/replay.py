@@ -14,8 +14,10 @@ class Replayed:
 
     session: str
     q_sha256: str
-    matches: bool | None
-    """Whether every digest that was noted while teaching came out again; None when none was noted yet."""
+    matches: bool
+    """Whether every noted digest, and everything that teachers were told, came out again."""
+    digests: int
+    """Digests noted: at episodes 1, 2, 4, 8 and so on, and at the end."""
     events: int
     episodes: int
 
@@ -36,7 +38,6 @@ def _replayed(name: str, records: list[Record]) -> Replayed | None:
     folded = fold(records)
     if folded is None:
         return None
-    noted = folded.digests > 0
-    matches = not folded.mismatches if noted or folded.mismatches else None
     table = folded.session.method.table
-    return Replayed(name, table.sha256(), matches, folded.events, len(folded.session.episodes))
+    episodes = len(folded.session.episodes)
+    return Replayed(name, table.sha256(), not folded.mismatches, folded.digests, folded.events, episodes)

@@ -25,7 +25,8 @@ def replay(
     directory: DirectoryArgument,
     session: Annotated[str | None, typer.Option(help="Only this session.")] = None,
     verify: Annotated[
-        bool, typer.Option("--verify", help="Exit 1 unless every noted digest is rebuilt.")
+        bool,
+        typer.Option("--verify", help="Exit 1 when a noted digest, or what a teacher was told, differs."),
     ] = False,
     json: Json = False,
 ) -> None:
@@ -43,7 +44,7 @@ def replay(
         print_json({"sessions": [_row(one) for one in replayed]})
     else:
         for one in replayed:
-            verdict = {True: "matches", False: "DIFFERS", None: "no digest noted yet"}[one.matches]
+            verdict = f"matches {one.digests} noted digests" if one.matches else "DIFFERS"
             counts = f"{one.events} events, {one.episodes} episodes"
             print(f"{one.session}: {counts}, q_sha256 {one.q_sha256}: {verdict}")
     if verify and not all(one.matches for one in replayed):

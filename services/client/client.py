@@ -188,7 +188,7 @@ class Client:
             step=decision.step,
             state=decision.state,
             kind=kind,
-            action=action,
+            action=decision.action if kind == "reward" else action,
             reward=reward,
             guidance=guidance,
             posterior=None if posterior is None else dict(posterior),

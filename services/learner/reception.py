@@ -120,7 +120,6 @@ class Reception:
 
     def _join(self, live: LiveSession, message: Join, request: Request) -> None:
         session, learner = live.session, self._learner
-        learner.is_present(live, message.teacher)
         finished = session.phase is Phase.FINISHED
         if message.teacher not in session.teachers and not finished:
             if len(session.teachers) >= learner.config.teachers_max:
@@ -130,6 +129,7 @@ class Reception:
                 )
             live.known.add(message.teacher)
             learner.happen(live, TeacherJoined(message.teacher))
+            learner.expect_token(live, message.teacher)
             log.info(
                 "session %s: teacher %s joined (%s)",
                 live.name,

@@ -21,7 +21,7 @@ from services.learner.reception import Reception
 from services.learner.world import WorldDesk
 from services.runtime.bus import Bus, Presence, Request
 from services.runtime.clock import Clock
-from services.runtime.journal.errors import JournalError
+from services.runtime.journal.errors import JournalError, JournalFenced
 from services.runtime.journal.shard import Shard
 from sfid_core.learning.method import ParameterError
 from sfid_core.session.effects import (
@@ -73,6 +73,8 @@ class Learner:
         self._unsent: list[tuple[Request, bytes]] = []
         self._uncommitted_since_ns: int | None = None
         self._failing = False
+        self._retry_at_ns = 0
+        """When a failing journal is tried again; until then timers and all but requests wait."""
         self._held: list[_Item] = []
         self._present: set[tuple[str, str]] = set()
         self.world = WorldDesk(self)
@@ -150,7 +152,7 @@ class Learner:
         except queue.Empty:
             pass
         self._fire_timers()
-        if self._unsent or self._overdue():
+        if self._commit_due():
             self._commit()
 
     def _handle(self, item: _Item) -> None:
@@ -180,17 +182,16 @@ class Learner:
         heapq.heappush(self._timers, (at_ns, next(self._timer_numbers), handle, argument))
 
     def _wait_s(self, timeout_s: float) -> float:
+        if self._failing:
+            return min(timeout_s, max(0.0, (self._retry_at_ns - self.at_ns()) / 1e9))
         if not self._timers:
             return timeout_s
         return min(timeout_s, max(0.0, (self._timers[0][0] - self.at_ns()) / 1e9))
 
     def _fire_timers(self) -> None:
-        while self._timers and self._timers[0][0] <= self.at_ns():
+        while self._timers and not self._failing and self._timers[0][0] <= self.at_ns():
             _, _, handle, argument = heapq.heappop(self._timers)
-            if self._failing and handle is not self._retry_commit:
-                self._held.append(_Item(handle, argument))
-            else:
-                handle(argument)
+            handle(argument)
 
     def _on_window(self, live: LiveSession) -> None:
         deadline_ns = live.session.deadline_ns
@@ -320,22 +321,27 @@ class Learner:
         return not finished and teacher in live.known and teacher not in live.session.teachers
 
     def _mark_gone(self, expected: frozenset[tuple[str, str]]) -> None:
-        """After a restart, let those go who taught before it and whose tokens did not come back."""
+        """Let those go whose tokens are not there."""
         for name, teacher in sorted(expected - self._present):
             live = self.sessions[name]
             if teacher in live.session.teachers and live.session.phase is not Phase.FINISHED:
                 self.happen(live, TeacherLeft(teacher))
-                log.info("session %s: teacher %s did not come back", name, teacher)
+                log.info("session %s: teacher %s shows no token", name, teacher)
 
-    def is_present(self, live: LiveSession, teacher: str) -> None:
-        """Note that a teacher was heard from, token or not."""
-        self._present.add((live.name, teacher))
+    def expect_token(self, live: LiveSession, teacher: str) -> None:
+        """Let a teacher who joined go again unless their token is there soon: else nobody sees them die."""
+        self.call_later(self.config.teachers_gone_ms, self._mark_gone, frozenset({(live.name, teacher)}))
 
     # ------------------------------------------------------------ durability
 
     def reply_durably(self, request: Request, reply: Wire) -> None:
         """Reply after the next commit, and only if it succeeds."""
         self._unsent.append((request, encode(reply)))
+
+    def _commit_due(self) -> bool:
+        if self._failing:
+            return self.at_ns() >= self._retry_at_ns
+        return bool(self._unsent) or self._overdue()
 
     def _overdue(self) -> bool:
         since_ns = self._uncommitted_since_ns
@@ -360,16 +366,15 @@ class Learner:
                 self._handle(item)
 
     def _journal_failed(self, error: JournalError, unsent: list[tuple[Request, bytes]]) -> None:
+        if isinstance(error, JournalFenced):
+            raise error
         if not self._failing:
             log.error("nothing is acknowledged until the journal can be written: %s", error)
         self._failing = True
         refusal = encode(Refusal(code="not-durable", reason=f"not saved: {error}"[:512]))
         for request, _ in unsent:
             request.reply_error(refusal)
-        self.call_later(COMMIT_RETRY_MS, self._retry_commit, None)
-
-    def _retry_commit(self, _argument: None) -> None:
-        self._commit()
+        self._retry_at_ns = self.at_ns() + COMMIT_RETRY_MS * 1_000_000
 
 
 def run(

@@ -167,9 +167,17 @@ def _why_rejected(session: Session, event: AnswerGiven) -> str:
         return f"this session asks for {asked}, not {kind.value}"
     if event.decision > session.decision or (event.decision == session.decision and _is_unasked(session)):
         return "that decision is not open yet"
-    if event.decision == session.decision and event.state != session.state and session.phase is Phase.ASKING:
-        return "that decision was asked for another state"
+    if event.decision == session.decision and session.phase is Phase.ASKING:
+        return _why_another(session, event)
     return ""
+
+
+def _why_another(session: Session, event: AnswerGiven) -> str:
+    """Say what in the open decision is not what the answer was given for, or return an empty text."""
+    if event.state != session.state:
+        return "that decision was asked for another state"
+    judged = event.answer.action if event.answer.kind is AnswerKind.REWARD else None
+    return "" if judged in {None, session.action} else "that decision led to another action"
 
 
 def _is_unasked(session: Session) -> bool:

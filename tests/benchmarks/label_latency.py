@@ -51,6 +51,7 @@ def _ask(bus: object, key: str, payload: bytes) -> Reply:
 
 def _welcome(rig: Rig, teacher: str) -> Welcome:
     """Join and return the welcome to the open decision."""
+    rig.bus.announce(rig.keys.present("latency", teacher))
     deadline = time.monotonic() + 10
     while True:
         payload = encode(Join(session="latency", teacher=teacher))

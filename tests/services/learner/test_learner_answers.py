@@ -10,6 +10,8 @@ import pytest
 from protocol.codec import decode, encode
 from protocol.journal import read_answer_body
 from protocol.messages import Acknowledgement, Answer, Control, Done, Join, Refusal, WindowSpec
+from services.learner.config import LearnerConfig
+from services.replay import replay_directory
 from services.runtime.journal import JournalFull, Shard
 from sfid_core.session.effects import AnswerCode
 from tests.services.learner.classroom import KEYS, Classroom, Pupil, session
@@ -232,9 +234,11 @@ class FailingShard(Shard):
     """A shard whose disk is full when a test says so."""
 
     full = False
+    refused = 0
 
     def commit(self) -> None:
         if self.full:
+            self.refused += 1
             raise JournalFull("the disk is full: free some")
         super().commit()
 
@@ -264,14 +268,17 @@ def test_while_the_journal_is_full_nothing_is_acknowledged_and_afterwards_nothin
     assert again.code == "not-durable"
     join = Join(session="s1", teacher="bob")
     assert room.refused(KEYS.join("s1", "bob"), join).code == "not-durable"
-    stands_at, executed = room.learner.sessions["s1"].session.decision, room.requests
-    room.pass_time(20_000)
-    assert (room.learner.sessions["s1"].session.decision, room.requests) == (stands_at, executed)
+    executed = room.requests
+    before = shard.refused
+    for _ in range(200):
+        room.pass_time(100)
+    assert (room.learner.sessions["s1"].session.decision, room.requests) == (0, executed)
+    assert shard.refused - before <= 40, "the journal is tried twice a second, not at every turn"
     shard.full = False
     room.pass_time(500)
     acknowledgement = decode(ann.send(answer).payload, Acknowledgement)
     assert acknowledgement.code == "accepted"
-    assert room.decision.decision == stands_at + 1
+    assert room.decision.decision == 1
     assert [(said.teacher, said.action) for said in room.steps[0].said] == [("ann", "UP")]
     bob.join()
     assert len(room.rows("answer")) == 1
@@ -302,3 +309,49 @@ def test_an_acknowledgement_leaves_after_the_commit_that_holds_its_answer(tmp_pa
     assert log[:4] == ["committed", "told", "told", "told"]
     assert room.shard.syncs == syncs + 2
     room.shard.close()
+
+
+def test_a_teacher_without_a_token_is_let_go_again_and_holds_up_nobody(room: Classroom) -> None:
+    room.create(session(teachers_min=2))
+    ghost, ann = Pupil(room, "ghost"), Pupil(room, "ann")
+    ghost.join()
+    ghost.withdraw()
+    room.ask(ghost.bus, KEYS.join("s1", "ghost"), Join(session="s1", teacher="ghost"))
+    ann.join()
+    ann.label(room.decision, "UP")
+    assert (room.decision.decision, room.present()) == (0, ("ann", "ghost"))
+    room.pass_time(LearnerConfig(room.data_dir).teachers_gone_ms)
+    assert (room.decision.decision, room.present()) == (1, ("ann",))
+
+
+def test_a_reward_for_another_action_than_the_one_taken_is_rejected(room: Classroom) -> None:
+    room.create(session(method="reward"))
+    ann = Pupil(room, "ann")
+    ann.join()
+    decision = room.decision
+    other = next(name for name in decision.actions if name != decision.action)
+    wrong = ann.send(ann.message(decision, kind="reward", reward=1.0, action=other))
+    told = decode(wrong.payload, Acknowledgement)
+    assert (told.code, told.reason) == ("rejected", "that decision led to another action")
+    right = ann.send(ann.message(decision, kind="reward", reward=1.0, action=decision.action))
+    assert decode(right.payload, Acknowledgement).code == "accepted"
+
+
+def test_an_answer_between_a_close_by_the_clock_and_its_step_is_replayed_as_it_was_told(
+    room: Classroom,
+) -> None:
+    room.create(session(window=WindowSpec(mode="full", span_ms=1_000)))
+    ann = Pupil(room, "ann")
+    ann.join()
+    decision = room.decision
+    room.world_bus.set_online(online=False)
+    room.pass_time(1_001)
+    assert ann.label(decision, "UP").code == "late"
+    room.world_bus.set_online(online=True)
+    room.pass_time(1_000)
+    assert room.decision.decision == 1
+    (replayed,) = replay_directory(room.data_dir)
+    assert replayed.matches
+    assert [row.kind for row in room.rows() if row.kind in {"elapsed", "answer", "step"}][:3] == [
+        "elapsed", "answer", "step",
+    ]  # fmt: skip

@@ -77,7 +77,7 @@ def test_a_live_session_of_two_teachers_learns_what_the_plain_loop_learns(
     assert [message.episode for message in room.episodes] == [0, 1]
     room.pass_time(500)
     assert replay_directory(room.data_dir) == [
-        Replayed("s1", result.q_sha256, matches=True, events=replayed_events(room), episodes=2)
+        Replayed("s1", result.q_sha256, matches=True, digests=3, events=replayed_events(room), episodes=2)
     ]
 
 
