@@ -63,6 +63,6 @@ def _refuse_open_endpoint(config: RouterConfig) -> None:
     if not loopback and not config.insecure_bind:
         message = (
             f"{config.listen} can be reached from other machines and asks nobody for a password: "
-            f"listen at {DEFAULT_ENDPOINT}, or pass --insecure-bind if you trust everybody on that network"
+            f"listen at {DEFAULT_ENDPOINT}, or, trusting everybody there, run `sfid router --insecure-bind`"
         )
         raise RouterError(message)

@@ -148,7 +148,7 @@ def _run(plan: _Plan) -> tuple[SessionReport, list[Episode], list[tuple[str, int
 def _say_where(plan: _Plan, watch: str) -> None:
     plan.console.print(f"data in {plan.deployed.data}", highlight=False, soft_wrap=True)
     if watch:
-        plan.console.print(f"watch: {watch}", highlight=False, soft_wrap=True)
+        plan.console.print(watch, highlight=False, soft_wrap=True)
 
 
 def _teach(plan: _Plan, supervisor: Supervisor, bus: ZenohBus) -> tuple[SessionReport, list[Episode]]:
@@ -244,12 +244,18 @@ def _print_result(
         return
     console = Console()
     print_episodes(console, rows)
-    console.print(labels_line(report.labels), highlight=False)
+    console.print(labels_line(report.labels), highlight=False, soft_wrap=True)
     console.print(
         f"teaching time {report.teaching_ns / 1e9:.1f} s, q_sha256 {report.q_sha256}",
         highlight=False,
         soft_wrap=True,
     )
-    console.print(f"check it: sfid replay {plan.deployed.data} --verify", highlight=False, soft_wrap=True)
+    console.print(
+        f"check it: {sys.argv[0]} replay {plan.deployed.data} --verify", highlight=False, soft_wrap=True
+    )
     if recording:
-        console.print(f"watch it again: rerun {recording}", highlight=False, soft_wrap=True)
+        console.print(
+            f"watch it again: {Path(sys.argv[0]).with_name('rerun')} {recording}",
+            highlight=False,
+            soft_wrap=True,
+        )

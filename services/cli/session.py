@@ -185,6 +185,7 @@ def show(
 def _control(verb: str, name: str, connect: str, deployment: str) -> None:
     with operator(connect, deployment, name) as asked:
         asked.control(name, verb)
+    print(f"session {name}: {verb} is done and journaled")
 
 
 @session_app.command()

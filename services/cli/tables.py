@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import msgspec
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
@@ -43,12 +44,13 @@ def report_document(report: SessionReport, episodes: Sequence[Episode]) -> dict[
 def print_episodes(console: Console, episodes: Sequence[Episode]) -> None:
     """Print the table of the four measures per episode."""
     table = Table(
-        title="Episodes", caption="|TD error|: mean of |delta| of Eq. 2; return: sum of gamma^t (r + h)"
+        title="Episodes",
+        caption="TD error: mean of |delta| of Eq. 2; return: sum of gamma^t (r + h); env: without h",
     )
     for name in ("episode", "outcome"):
-        table.add_column(name)
-    for name in ("steps", "optimal", "|TD error|", "return", "env return", "inputs"):
-        table.add_column(name, justify="right")
+        table.add_column(name, no_wrap=True)
+    for name in ("steps", "optimal", "TD error", "return", "env return", "inputs"):
+        table.add_column(name, justify="right", no_wrap=True)
     for row in episode_rows(episodes):
         optimal = row["optimal_steps"]
         table.add_row(

@@ -119,7 +119,7 @@ def test_praise_blame_and_nothing_to_say_where_a_reward_is_asked() -> None:
             await terminal.asked(decision=number)
             await terminal.press(key)
             await terminal.sees("side", " saved")
-        rewards = [(number, "reward", None, 1.0 if number < 3 else -1.0) for number in range(5)]
+        rewards = [(number, "reward", "DOWN", 1.0 if number < 3 else -1.0) for number in range(5)]
         assert terminal.said() == [*rewards, (5, "abstain", None, None)]
 
     at_terminal(play, asked="reward", action="DOWN")
