@@ -45,7 +45,10 @@ def print_episodes(console: Console, episodes: Sequence[Episode]) -> None:
     """Print the table of the four measures per episode."""
     table = Table(
         title="Episodes",
-        caption="TD error: mean of |delta| of Eq. 2; return: sum of gamma^t (r + h); env: without h",
+        box=SIMPLE_HEAD,
+        pad_edge=False,
+        collapse_padding=True,
+        caption="TD error: mean |delta| of Eq. 2; return: sum of gamma^t (r + h); env: h = 0",
     )
     for name in ("episode", "outcome"):
         table.add_column(name, no_wrap=True)
