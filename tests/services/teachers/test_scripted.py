@@ -193,5 +193,11 @@ def test_a_wait_for_the_session_and_a_stubborn_answer_are_logged_once(
 
 
 def test_a_teacher_told_to_stop_leaves() -> None:
-    stop = threading.Event()
-    run(ScriptedConfig("s1"), MemoryBus(MemoryHub(inline=True)), stop.set, stop)
+    stop, told = threading.Event(), []
+
+    def ready() -> None:
+        told.append("ready")
+        stop.set()
+
+    run(ScriptedConfig("s1"), MemoryBus(MemoryHub(inline=True)), ready, stop)
+    assert told == ["ready"]
