@@ -1,9 +1,11 @@
 """A level (what never changes, and the start) and a board (one position in it)."""
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import blake2b
 from itertools import product
+from struct import pack
 from typing import NamedTuple
 
 from sfid_core.sokoban.actions import DELTAS
@@ -23,8 +25,8 @@ _GLYPHS = {
 }
 
 
-def _cells_as_bytes(cells: tuple[int, ...]) -> bytes:
-    return b"".join(cell.to_bytes(4, "little") for cell in cells)
+def _cells_as_bytes(cells: Sequence[int]) -> bytes:
+    return pack(f"<{len(cells)}I", *cells)
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,14 @@ class Level:
             seen |= fresh
             open_cells.extend(fresh)
         return tuple(sorted(seen))
+
+    def state_keys(self, placements: Iterable[Sequence[int]]) -> Iterator[bytes]:
+        """Yield `Board.state_key` of each position, given as its player and then its ascending boxes."""
+        named = blake2b(self.map_digest, digest_size=KEY_BYTES, person=b"sfid-state")
+        for cells in placements:
+            hasher = named.copy()
+            hasher.update(_cells_as_bytes(cells))
+            yield hasher.digest()
 
     def to_xsb(self) -> str:
         """Return the level as XSB text that parses back to it; a blank row holds one `-`."""

@@ -44,12 +44,10 @@ class Solution:
 
     def optimal_actions(self, board: Board) -> tuple[Action, ...]:
         """Return, in index order, every action that begins a shortest solution; none when solved or dead."""
-        state_id = self.table.state_id(board)
-        nearer = int(self.steps[state_id]) - 1
+        nearer = int(self.steps[self.table.state_id(board)]) - 1
         if nearer < 0:
             return ()
-        after = self.steps[self.table.successor[state_id]]
-        return tuple(action for action in ACTIONS if after[action] == nearer)
+        return tuple(action for action in ACTIONS if self._steps_after(board, action) == nearer)
 
     def solution(self, board: Board) -> tuple[Action, ...]:
         """Return a shortest solution, at each choice the action first in index order.
@@ -68,6 +66,9 @@ class Solution:
     def solvable_states(self) -> StateIds:
         """Return, ascending, the id of every placement that can be solved and is not solved yet."""
         return np.flatnonzero(self.steps > 0)
+
+    def _steps_after(self, board: Board, action: Action) -> int:
+        return int(self.steps[self.table.state_id(step(board, action).board)])
 
     @cached_property
     def longest(self) -> int:
@@ -119,19 +120,14 @@ def _solved_states(table: StateTable) -> StateIds:
 def _predecessors(table: StateTable, states: StateIds) -> Iterator[StateIds]:
     """Yield, for each action, the states from which it leads here: by a walk, then by a push."""
     rank, player = np.divmod(states, table.n_cells)
-    first = states - player
-    moves = table.successor[states]
+    first, rows = states - player, table.boxes.take(rank, axis=1)
     for action in ACTIONS:
         behind = table.neighbours[action.opposite][player]
-        # Walking back arrives at `behind` with the boxes as they are only if `behind` is free.
-        free = moves[:, action.opposite] == first + behind
-        at = np.flatnonzero(free)
+        at = np.flatnonzero((behind != BLOCKED) & ~(rows == behind).any(axis=0))
         yield first[at] + behind[at]
         ahead = table.neighbours[action][player]
-        # Walking on does not arrive at `ahead` with the boxes as they are: a box stands there.
-        at = at[(ahead[at] != BLOCKED) & (moves[at, action] != first[at] + ahead[at])]
+        # Walking back takes a box along where one stands ahead; no box stands at BLOCKED.
+        at = at[(rows == ahead).any(axis=0)[at]]
         if at.size:
-            pulled = ranks_with_one_moved(
-                table.boxes[:, rank[at]], ahead[at], player[at].astype(np.int16), table.n_cells
-            )
+            pulled = ranks_with_one_moved(rows[:, at], ahead[at], player[at].astype(np.int16), table.n_cells)
             yield pulled * table.n_cells + behind[at]

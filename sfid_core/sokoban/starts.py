@@ -16,6 +16,8 @@ BALANCED_MAX = 65_536
 """Up to this many starts a block of episodes visits each once; the order of more is drawn start by start,
 because shuffling a million of them would hold up the first episode for seconds."""
 
+Ids = npt.NDArray[np.int64]
+
 _TEXT = re.compile(r"(all)|within:([1-9][0-9]{0,6})|([1-9][0-9]{0,6})")
 
 
@@ -68,11 +70,30 @@ class Starts:
         return cls(StartKind.FIXED) if found[3] == "1" else cls(StartKind.SAMPLE, count=int(found[3]))
 
 
-class StartDistribution:
-    """The starts of a level's episodes, drawn by key alone.
+@dataclass(frozen=True, slots=True)
+class StartOrder:
+    """Which of `count` starts each episode has.
 
     Each block of as many episodes as there are starts visits each start once, in an order drawn by the key
     and the block; for ALL, and beyond BALANCED_MAX starts, each episode draws uniformly.
+    """
+
+    count: int
+    kind: StartKind
+    key: int
+
+    def index(self, episode: int) -> int:
+        """Return an index in 0..count - 1 for an episode (0 or more)."""
+        if self.count == 1:
+            return 0
+        if self.kind is StartKind.ALL or self.count > BALANCED_MAX:
+            return below(stream(self.key, "start"), episode, self.count)
+        block, place = divmod(episode, self.count)
+        return _shuffled(stream(self.key, "start", block), self.count)[place]
+
+
+class StartDistribution:
+    """The starts of a level's episodes, drawn by key alone, in the order of StartOrder.
 
     Args:
         solution: None for a level with too many states to solve; then only FIXED starts are to be had.
@@ -84,9 +105,8 @@ class StartDistribution:
     def __init__(self, level: Level, solution: Solution | None, spec: Starts, key: int) -> None:
         self._level = level
         self._solution = solution
-        self._ids = _start_ids(level, solution, spec, key)
-        self._key = key
-        self._balanced = spec.kind is not StartKind.ALL and len(self) <= BALANCED_MAX
+        self._ids = _ids_of_level(level, solution, spec, key)
+        self._order = StartOrder(len(self), spec.kind, key)
 
     def __len__(self) -> int:
         """Return the number of starts."""
@@ -100,12 +120,7 @@ class StartDistribution:
 
     def start(self, episode: int) -> Board:
         """Return where an episode (0 or more) starts."""
-        if len(self) == 1:
-            return self.board(0)
-        if not self._balanced:
-            return self.board(below(stream(self._key, "start"), episode, len(self)))
-        block, place = divmod(episode, len(self))
-        return self.board(_shuffled(stream(self._key, "start", block), len(self))[place])
+        return self.board(self._order.index(episode))
 
 
 def start_states(level: Level, solution: Solution | None, spec: Starts, key: int) -> tuple[Board, ...]:
@@ -114,9 +129,30 @@ def start_states(level: Level, solution: Solution | None, spec: Starts, key: int
     return tuple(starts.board(index) for index in range(len(starts)))
 
 
-def _start_ids(
-    level: Level, solution: Solution | None, spec: Starts, key: int
-) -> npt.NDArray[np.int64] | None:
+def start_ids(pool: Ids, steps: npt.NDArray[np.integer], own: int, spec: Starts, key: int) -> Ids:
+    """Return the ids of the starts that a distribution draws.
+
+    Args: pool: ascending ids of the states that can be solved and are not; steps: by id, steps to solved;
+    own: the id of the level's own start.  Raises WorldError when there are not so many.
+    """
+    if spec.kind is StartKind.FIXED:
+        return np.array([own], dtype=np.int64)
+    if spec.kind is StartKind.WITHIN:
+        pool = pool[steps[pool] <= spec.distance]
+    if not pool.size:
+        message = "the level has no start that can be solved; check its walls, boxes and goals"
+        raise WorldError(message)
+    if spec.kind in {StartKind.ALL, StartKind.WITHIN}:
+        return pool
+    if spec.count > len(pool):
+        message = f"starts: {spec.count} asked for, but the level has only {len(pool)} that can be solved"
+        raise WorldError(message)
+    others = pool[pool != own]
+    drawn = _drawn(stream(key, "sample"), len(others), spec.count - 1)
+    return np.array([own, *others[drawn]], dtype=np.int64)
+
+
+def _ids_of_level(level: Level, solution: Solution | None, spec: Starts, key: int) -> Ids | None:
     """Return the ids of the starts, None for the level's own start alone."""
     if spec.kind in {StartKind.FIXED, StartKind.SAMPLE}:
         _check_own_start(level, solution)
@@ -125,21 +161,8 @@ def _start_ids(
     if solution is None:
         message = 'the level has too many states to draw starts from; use starts "1", the level\'s own start'
         raise WorldError(message)
-    pool = solution.solvable_states()
-    if spec.kind is StartKind.WITHIN:
-        pool = pool[solution.steps[pool] <= spec.distance]
-    if not pool.size:
-        message = "the level has no start that can be solved; check its walls, boxes and goals"
-        raise WorldError(message)
-    if spec.kind in {StartKind.ALL, StartKind.WITHIN}:
-        return pool
     own = solution.table.state_id(level.start)
-    if spec.count > len(pool):
-        message = f"starts: {spec.count} asked for, but the level has only {len(pool)} that can be solved"
-        raise WorldError(message)
-    others = pool[pool != own]
-    drawn = _drawn(stream(key, "sample"), len(others), spec.count - 1)
-    return np.array([own, *others[drawn]], dtype=np.int64)
+    return start_ids(solution.solvable_states(), solution.steps, own, spec, key)
 
 
 def _check_own_start(level: Level, solution: Solution | None) -> None:

@@ -16,7 +16,7 @@ from sfid_core.sokoban.actions import ACTIONS
 from sfid_core.sokoban.board import BLOCKED, Board, Level
 
 STATES_MAX = 12_000_000
-"""Successors of 12 million states take 192 MB; every Boxoban test level (11.5 million at most) fits."""
+"""Distances of 12 million states take 24 MB; every Boxoban test level (11.5 million at most) fits."""
 
 _ID_MAX = 2**31 - 1
 
@@ -34,14 +34,12 @@ class StateTable:
         cells: int16 [n_cells], the level's cell of each compact cell, ascending.
         neighbours: int16 [4, n_cells], compact cell one step on, or -1.
         boxes: int16 [n_boxes, n_ranks], the ascending compact cells of each rank.
-        successor: int32 [n_states, 4].
     """
 
     level: Level
     cells: npt.NDArray[np.int16]
     neighbours: npt.NDArray[np.int16]
     boxes: npt.NDArray[np.int16]
-    successor: npt.NDArray[np.int32]
 
     @property
     def n_cells(self) -> int:
@@ -51,11 +49,36 @@ class StateTable:
     @property
     def n_states(self) -> int:
         """Return the number of ids, those that are no position included."""
-        return len(self.successor)
+        return int(self.boxes.shape[1]) * self.n_cells
+
+    @cached_property
+    def successor(self) -> npt.NDArray[np.int32]:
+        """Return int32 [n_states, 4]: where each action leads; made at the first call, 16 bytes a state."""
+        successor = _walks(self.neighbours, self.boxes.shape[1])
+        _add_boxes(successor, self.neighbours, self.boxes)
+        return successor.reshape(self.n_states, len(ACTIONS))
+
+    def successors(self, states: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """Return int64 [n, 4]: where each action leads from the n positions with these ids."""
+        rank, player = np.divmod(states, self.n_cells)
+        first, rows = states - player, self.boxes.take(rank, axis=1)
+        leads = np.empty((len(states), len(ACTIONS)), dtype=np.int64)
+        for action in ACTIONS:
+            ahead_of = self.neighbours[action]
+            target = ahead_of[player]
+            leads[:, action] = np.where(target == BLOCKED, states, first + target)
+            at = np.flatnonzero((rows == target).any(axis=0))
+            origin, near = target[at], rows[:, at]
+            landing = ahead_of[origin]
+            can = (landing != BLOCKED) & ~(near == landing).any(axis=0)
+            pushed = ranks_with_one_moved(near[:, can], origin[can], landing[can], self.n_cells)
+            leads[at, action] = states[at]
+            leads[at[can], action] = pushed * self.n_cells + origin[can]
+        return leads
 
     def state_id(self, board: Board) -> int:
         """Return the id of a position; ValueError when it is no position of this level's table."""
-        compact, still = self._compact, self._still_boxes
+        compact, still = self._compact, self.still_boxes
         try:
             inside = [compact[box] for box in board.boxes if box not in still]
             player = compact[board.player]
@@ -76,7 +99,7 @@ class StateTable:
             message = f"state {state_id} is no position of this level"
             raise ValueError(message)
         boxes = [int(self.cells[box]) for box in self.boxes[:, rank]]
-        return Board(self.level, int(self.cells[player]), tuple(sorted((*boxes, *self._still_boxes))))
+        return Board(self.level, int(self.cells[player]), tuple(sorted((*boxes, *self.still_boxes))))
 
     @cached_property
     def is_position(self) -> npt.NDArray[np.bool_]:
@@ -92,8 +115,9 @@ class StateTable:
         return {int(cell): index for index, cell in enumerate(self.cells)}
 
     @cached_property
-    def _still_boxes(self) -> frozenset[int]:
-        return frozenset(self.level.boxes) - frozenset(self.level.reach)
+    def still_boxes(self) -> tuple[int, ...]:
+        """Return, ascending, the level's cells of the boxes that the player can never reach."""
+        return tuple(sorted(frozenset(self.level.boxes) - frozenset(self.level.reach)))
 
     @cached_property
     def _binomials(self) -> list[list[int]]:
@@ -108,11 +132,11 @@ def count_states(level: Level) -> int:
 
 
 def build_table(level: Level, states_max: int = STATES_MAX) -> StateTable:
-    """Number every position of a level and tabulate its moves; TooManyStates beyond `states_max`."""
+    """Number every position of a level; TooManyStates beyond `states_max`."""
     n_states = count_states(level)
     if n_states > min(states_max, _ID_MAX):
         message = (
-            f"the level has {_spoken(n_states)} states, more than the limit of {min(states_max, _ID_MAX):,}; "
+            f"the level has {spoken(n_states)} states, more than the limit of {min(states_max, _ID_MAX):,}; "
             "it can be played and taught, but without the optimal teacher, exact deadlocks and drawn starts"
         )
         raise TooManyStates(message)
@@ -122,16 +146,7 @@ def build_table(level: Level, states_max: int = STATES_MAX) -> StateTable:
         dtype=np.int16,
     )
     boxes = _box_sets(len(level.reach), len(set(level.boxes) & set(level.reach)))
-    successor = _walks(neighbours, boxes.shape[1])
-    _add_boxes(successor, neighbours, boxes)
-    n_states = successor.shape[0] * successor.shape[1]
-    return StateTable(
-        level,
-        cells=np.array(level.reach, dtype=np.int16),
-        neighbours=neighbours,
-        boxes=boxes,
-        successor=successor.reshape(n_states, len(ACTIONS)),
-    )
+    return StateTable(level, np.array(level.reach, dtype=np.int16), neighbours, boxes)
 
 
 def ranks_with_one_moved(
@@ -216,7 +231,7 @@ def _add_boxes(
         successor[ranks, box] = (ranks * n_cells + box)[:, np.newaxis]
 
 
-def _spoken(count: int) -> str:
+def spoken(count: int) -> str:
     """Return a count for a person: digits while they can be read, then a power of ten."""
     digits = int(count.bit_length() * 0.30103)
     return f"{count:,}" if count < 10**15 else f"about 10^{digits}"
