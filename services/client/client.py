@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
 from queue import Empty, SimpleQueue
+from random import Random
 from types import TracebackType
 from typing import Any, Literal, Self, cast
 
@@ -49,19 +50,18 @@ how the session stands."""
 INBOX_MAX = 4096
 """Messages that wait for `next`; a slower caller loses some, and gets the newest state by joining again."""
 
-_FINAL = frozenset({"denied", "invalid", "malformed", "conflict"})
-_NOBODY = (-1, -1)
-_chance = secrets.SystemRandom().random
+_FINAL, _NOBODY = frozenset({"denied", "invalid", "malformed", "conflict"}), (-1, -1)
+_CHANCE = secrets.SystemRandom()
 
 
 class Client:
     """A context manager. `answer` and `control` may be called on any thread, `next` on one at a time.
 
     Args: measures: whether to hear of learnt steps and finished episodes from the start; a teacher who needs
-    neither spares the router a message a step (`watch_measures` begins later).
+    neither spares the router a message a step (`watch_measures` begins later).  chance: draws ids and waits.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - time, chance and identity are arguments
         self,
         bus: Bus,
         keys: Keys,
@@ -72,6 +72,7 @@ class Client:
         clock: Clock,
         token: str | None = None,
         measures: bool = True,
+        chance: Random = _CHANCE,
     ) -> None:
         self.session = checked(session, "session")
         self.teacher = checked(teacher, "teacher")
@@ -79,9 +80,11 @@ class Client:
         """Messages lost because `next` was not called for too long."""
         self._unreadable = 0
         self._bus, self._keys, self._clock, self._token = bus, keys, clock, token
+        self._chance, self.due_ns = chance, 0
+        """`due_ns`: when `next` has something to repeat though nothing comes, on its clock."""
         answer_key = keys.answer(self.session, self.teacher)
         self._delivery = Delivery(
-            partial(self._ask, answer_key), self._on_answer_update, self._on_denied, outbox, clock
+            partial(self._ask, answer_key), self._on_answer_update, self._on_denied, outbox, clock, chance
         )
         self._inbox: SimpleQueue[tuple[Callable[[Any], None], Any]] = SimpleQueue()
         self._updates: deque[Update] = deque()
@@ -92,10 +95,8 @@ class Client:
         self._epoch: int | None = None
         self._connected: bool | None = None
         self._join_due_ns: int | None = None
-        self._join_attempts = 0
-        self._heard_ns = 0
-        self._missed = False
-        self._closed = False
+        self._join_attempts = self._heard_ns = 0
+        self._missed = self._closed = False
         self._withdraw: Callable[[], None] | None = None
         self._wants_measures, self._watches_measures = measures, False
 
@@ -124,7 +125,7 @@ class Client:
             self._closed = True
             if self._withdraw is not None:
                 self._withdraw()
-            self._inbox.put((_nothing, None))
+            self._inbox.put((lambda _: None, None))  # wakes a waiting `next`
 
     def watch_measures(self) -> None:
         """Hear of learnt steps and finished episodes from now on; twice is once."""
@@ -147,7 +148,7 @@ class Client:
         deadline_ns = self._clock.now_ns() + int(timeout_s * 1e9)
         while not self._updates and not self._closed:
             now_ns = self._clock.now_ns()
-            due_ns = self._repeat(now_ns)
+            self.due_ns = due_ns = self._repeat(now_ns)
             wait_s = max(0, min(due_ns, deadline_ns) - now_ns) / 1e9
             try:
                 handle, argument = self._inbox.get(timeout=wait_s) if wait_s else self._inbox.get_nowait()
@@ -175,7 +176,7 @@ class Client:
         `decision.actions`.  reward: in [-1, 1].  at_ns: when it was given, now when None.
         Raises: ValueError when the answer does not fit the decision, OutboxError when it cannot be kept.
         """
-        answer_id = secrets.token_bytes(16)
+        answer_id = self._chance.randbytes(16)
         kind = kind or decision.asked
         _check_fits(decision, kind, action, reward)
         message = Answer(
@@ -307,8 +308,7 @@ class Client:
         if reply is None:
             asked = f"asked {self._join_attempts} times" if self._join_attempts > 1 else "asked once"
             detail = f"no learner answers for session {self.session!r} yet ({asked}); start it or wait"
-            self._updates.append(Connection(connected=False, detail=detail))
-            self._join_soon()
+            self._cannot_join(detail)
             return
         try:
             if reply.ok:
@@ -317,9 +317,11 @@ class Client:
                 self._on_refusal(decode(reply.payload, Refusal))
         except DecodeError as error:
             self._unreadable += 1
-            detail = f"the learner's reply could not be read ({error}); use one version of both"
-            self._updates.append(Connection(connected=False, detail=detail))
-            self._join_soon()
+            self._cannot_join(f"the learner's reply could not be read ({error}); use one version of both")
+
+    def _cannot_join(self, detail: str) -> None:
+        self._updates.append(Connection(connected=False, detail=detail))
+        self._join_soon()
 
     def _on_refusal(self, refusal: Refusal) -> None:
         final = refusal.code in _FINAL
@@ -328,7 +330,8 @@ class Client:
             self._join_soon()
 
     def _join_soon(self) -> None:
-        self._join_due_ns = self._clock.now_ns() + int(JOIN_RETRY_MS * (0.5 + _chance()) * 1_000_000)
+        wait_ns = int(JOIN_RETRY_MS * (0.5 + self._chance.random()) * 1_000_000)
+        self._join_due_ns = self._clock.now_ns() + wait_ns
 
     def _on_welcome(self, welcome: Welcome) -> None:
         self._join_attempts = 0
@@ -393,7 +396,3 @@ def _check_fits(decision: Decision, kind: str, action: str | None, reward: float
 
 def _measured(message: Step | Episode) -> Learnt | EpisodeOver:
     return Learnt(message) if isinstance(message, Step) else EpisodeOver(message)
-
-
-def _nothing(_argument: object) -> None:
-    """Do nothing: wakes a waiting `next`."""

@@ -1,10 +1,10 @@
 """Answers on their way: stored before the first sending, sent again until acknowledged, then forgotten."""
 
-import secrets
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from hashlib import blake2b
+from random import Random
 
 from protocol.codec import DecodeError, decode
 from protocol.messages import Acknowledgement, Answer, Refusal
@@ -26,7 +26,6 @@ _STATES = {
     "rejected": AnswerState.REJECTED,
     "conflict": AnswerState.REJECTED,
 }
-_chance = secrets.SystemRandom().random
 
 HandleReply = Callable[[Reply | None], None]
 
@@ -51,10 +50,11 @@ class Delivery:
         denied: Callable[[], None],
         outbox: Outbox,
         clock: Clock,
+        chance: Random,
     ) -> None:
         self.unreadable = 0
         self._ask, self._tell, self._denied = ask, tell, denied
-        self._outbox, self._clock = outbox, clock
+        self._outbox, self._clock, self._chance = outbox, clock, chance
         self._sending: dict[bytes, _Sending] = {}
 
     def __len__(self) -> int:
@@ -146,5 +146,5 @@ class Delivery:
 
     def _retry(self, sending: _Sending, reason: str) -> None:
         bound_ms = min(BACKOFF_MS_MAX, BACKOFF_MS_MIN << min(sending.attempts - 1, 10))
-        sending.due_ns = self._clock.now_ns() + int(_chance() * bound_ms * 1_000_000)
+        sending.due_ns = self._clock.now_ns() + int(self._chance.random() * bound_ms * 1_000_000)
         self._tell(AnswerUpdate(sending.answer_id, AnswerState.RETRYING, None, sending.attempts, reason))

@@ -145,7 +145,7 @@ class Learner:
     def turn(self, timeout_s: float) -> None:
         """Handle what waits, at most BATCH_MAX messages, fire due timers, commit, acknowledge."""
         try:
-            item = self._inbox.get(timeout=self._wait_s(timeout_s))
+            item = self._inbox.get(timeout=self.wait_s(timeout_s))
             for _ in range(BATCH_MAX):
                 self._handle(item)
                 item = self._inbox.get_nowait()
@@ -181,7 +181,8 @@ class Learner:
     def _set_timer(self, at_ns: int, handle: Callable[[Any], None], argument: Any) -> None:  # noqa: ANN401
         heapq.heappush(self._timers, (at_ns, next(self._timer_numbers), handle, argument))
 
-    def _wait_s(self, timeout_s: float) -> float:
+    def wait_s(self, timeout_s: float) -> float:
+        """Return how long `turn` may wait for a message before a timer is due: `timeout_s` at most."""
         if self._failing:
             return min(timeout_s, max(0.0, (self._retry_at_ns - self.at_ns()) / 1e9))
         if not self._timers:
