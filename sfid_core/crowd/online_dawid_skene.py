@@ -1,0 +1,201 @@
+"""One confusion matrix a worker, learnt one decision after the other.
+
+Between refreshes each decision adds its expected counts to its workers' matrices. When the labels have grown by a
+quarter, EM runs over the history from where it stands (a warm start takes few iterations), so that a label costs
+a constant time on average. Without a prior on the diagonal the matrices of sparse data collapse.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from math import log, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from sfid_core.crowd.em import Votes, diagonal_prior, maximise
+from sfid_core.crowd.evidence import Vote, influence_limit, softmax
+from sfid_core.crowd.settings import CrowdSettings
+from sfid_core.crowd.tally import Reliability, Standing, standing
+
+GROWTH = 0.25
+"""Share by which the labels grow before EM runs again."""
+FIRST_REFRESH = 40
+"""Labels before the first run: fewer say nothing about K * K numbers a worker."""
+WARM_ITERATIONS = 10
+
+
+class Closed(NamedTuple):
+    """A decision of the history."""
+
+    votes: tuple[tuple[int, int], ...]
+    """Worker's index and action."""
+    weight: float
+    posterior: tuple[float, ...]
+    fixed: bool
+    """Whether the posterior is known: gold, or what the solver excused."""
+
+
+class Matrix:
+    """One worker's expected counts: `counts[label][action]`."""
+
+    __slots__ = ("counts", "labels")
+
+    def __init__(self, actions: int) -> None:
+        self.counts = [[0.0] * actions for _ in range(actions)]
+        self.labels = 0
+
+
+class DawidSkeneOnline:
+    """The posterior of an action is the product of what each worker's matrix says of the label given."""
+
+    def __init__(self, actions: int, settings: CrowdSettings) -> None:
+        self._actions = actions
+        self._settings = settings
+        accuracy = settings.prior_right / (settings.prior_right + settings.prior_wrong)
+        self._prior_accuracy = accuracy
+        self._prior = diagonal_prior(actions, settings.diagonal_prior, accuracy)
+        self._prior_rows: list[list[float]] = self._prior.tolist()
+        self._newcomer = max(log(accuracy / (1 - accuracy) * (actions - 1)), 0.0)
+        self._names: dict[str, int] = {}
+        self._matrices: list[Matrix] = []
+        self._class_sums = [1.0] * actions
+        self._history: deque[Closed] = deque()
+        self._labels = 0
+        self._unrefreshed = 0
+
+    def workers(self) -> tuple[str, ...]:
+        """Return everyone with a label that was learnt from, sorted by name."""
+        return tuple(sorted(self._names))
+
+    def look(self, votes: Sequence[Vote]) -> tuple[list[float], list[float]]:
+        """Return the posterior over the actions, and how far each label speaks for the action it names.
+
+        A label's weight is its log-likelihood under the action named less the mean of the others.
+        """
+        evidence = [self._evidence(worker, action) for worker, action in votes]
+        if self._settings.influence_cap < 1:
+            spans = [max(row) - min(row) for row in evidence]
+            limit = influence_limit(spans, self._newcomer, self._settings.influence_cap)
+            evidence = [
+                [value * limit / span for value in row] if span > limit else row
+                for row, span in zip(evidence, spans, strict=True)
+            ]
+        scores = [log(value) for value in self._class_sums]
+        for row in evidence:
+            scores = [score + value for score, value in zip(scores, row, strict=True)]
+        others = self._actions - 1
+        weights = [
+            row[action] - (sum(row) - row[action]) / others
+            for (_, action), row in zip(votes, evidence, strict=True)
+        ]
+        return softmax(scores), weights
+
+    def learn(self, votes: Sequence[Vote], acceptable: frozenset[int], gold: int | None) -> None:
+        """Add the decision to the history and to the matrices.
+
+        Labels that the solver accepts are taken for the most probable acceptable action, which they got right.
+        """
+        posterior = self.look(votes)[0]
+        if gold is not None:
+            self._close(votes, self._certain(gold), self._settings.gold_weight, fixed=True)
+        else:
+            excused = [vote for vote in votes if vote[1] in acceptable]
+            judged = [vote for vote in votes if vote[1] not in acceptable]
+            if excused:
+                best = max(sorted(acceptable), key=posterior.__getitem__)
+                self._close([(w, best) for w, _ in excused], self._certain(best), 1.0, fixed=True)
+            if judged:
+                self._close(judged, posterior, 1.0, fixed=bool(excused))
+        if self._unrefreshed >= max(FIRST_REFRESH, GROWTH * (self._labels - self._unrefreshed)):
+            self._refresh()
+
+    def reliability(self, worker: str) -> Reliability:
+        """Return the worker's accuracy over the classes as often as they occur, with its standard error."""
+        settings = self._settings
+        index = self._names.get(worker)
+        matrix = Matrix(self._actions) if index is None else self._matrices[index]
+        right = settings.prior_right + sum(matrix.counts[a][a] for a in range(self._actions))
+        total = settings.prior_right + settings.prior_wrong + sum(map(sum, matrix.counts))
+        mean = right / total
+        error = sqrt(mean * (1 - mean) / (total + 1))
+        known = matrix.labels >= settings.spam_after
+        taken_for = standing(mean, error, 1 / self._actions) if known else Standing.UNKNOWN
+        return Reliability(mean, error, matrix.labels, taken_for)
+
+    def _certain(self, action: int) -> list[float]:
+        return [float(a == action) for a in range(self._actions)]
+
+    def _evidence(self, worker: str, label: int) -> list[float]:
+        """Return ln P(label | action) for each action, from the worker's counts and the prior's."""
+        prior = self._prior_rows[label]
+        index = self._names.get(worker)
+        if index is None:
+            return [log(value) for value in prior]
+        counts = self._matrices[index].counts
+        totals = map(sum, zip(*counts, strict=True))
+        weigh = self._settings.diagonal_prior
+        return [
+            log((count + before) / (total + weigh))
+            for count, before, total in zip(counts[label], prior, totals, strict=True)
+        ]
+
+    def _close(self, votes: Sequence[Vote], posterior: list[float], weight: float, *, fixed: bool) -> None:
+        keep = self._settings.forgetting
+        rows = []
+        for worker, label in votes:
+            index = self._names.setdefault(worker, len(self._names))
+            if index == len(self._matrices):
+                self._matrices.append(Matrix(self._actions))
+            matrix = self._matrices[index]
+            matrix.labels += 1
+            if keep < 1:
+                matrix.counts = [[count * keep for count in row] for row in matrix.counts]
+            row = matrix.counts[label]
+            matrix.counts[label] = [a + weight * b for a, b in zip(row, posterior, strict=True)]
+            rows.append((index, label))
+        self._class_sums = [a + b for a, b in zip(self._class_sums, posterior, strict=True)]
+        self._history.append(Closed(tuple(rows), weight, tuple(posterior), fixed))
+        self._labels += len(rows)
+        self._unrefreshed += len(rows)
+        while self._labels > self._settings.history_max and len(self._history) > 1:
+            self._labels -= len(self._history.popleft().votes)
+
+    def _refresh(self) -> None:
+        """Run EM over the history and put its counts and posteriors in the place of the running ones."""
+        history = self._history
+        sizes = [len(closed.votes) for closed in history]
+        flat = np.array([vote for closed in history for vote in closed.votes], dtype=np.intp)
+        votes = Votes(
+            np.repeat(np.arange(len(history)), sizes), flat[:, 0], flat[:, 1],
+            len(history), len(self._names), self._actions,
+        )  # fmt: skip
+        start = np.array([closed.posterior for closed in history])
+        fixed = np.array([closed.fixed for closed in history])
+        weights = np.repeat([closed.weight for closed in history], sizes) * self._ages(flat[:, 0])
+        estimate = maximise(
+            votes,
+            start,
+            self._prior,
+            weights=weights,
+            fixed=fixed,
+            iterations=WARM_ITERATIONS,
+            tolerance=1e-4,
+        )
+        for matrix, counts in zip(self._matrices, estimate.counts.tolist(), strict=True):
+            matrix.counts = counts
+        self._class_sums = [1.0 + value for value in estimate.posterior.sum(axis=0).tolist()]
+        self._history = deque(
+            closed._replace(posterior=tuple(row))
+            for closed, row in zip(history, estimate.posterior.tolist(), strict=True)
+        )
+        self._unrefreshed = 0
+
+    def _ages(self, workers: np.typing.NDArray[np.intp]) -> np.typing.NDArray[np.float64]:
+        """Return what forgetting leaves of each label: one factor for each later label of the same worker."""
+        order = np.argsort(workers, kind="stable")
+        counts = np.bincount(workers)
+        ends = np.repeat(np.cumsum(counts), counts)
+        later = np.empty(len(workers))
+        later[order] = ends - 1 - np.arange(len(workers))
+        aged: np.typing.NDArray[np.float64] = self._settings.forgetting**later
+        return aged
