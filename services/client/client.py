@@ -176,11 +176,10 @@ class Client:
         `decision.actions`.  reward: in [-1, 1].  at_ns: when it was given, now when None.
         Raises: ValueError when the answer does not fit the decision, OutboxError when it cannot be kept.
         """
-        answer_id = self._chance.randbytes(16)
         kind = kind or decision.asked
         _check_fits(decision, kind, action, reward)
         message = Answer(
-            answer_id=answer_id,
+            answer_id=self._chance.randbytes(16),
             session=self.session,
             teacher=self.teacher,
             epoch=decision.epoch,
@@ -196,11 +195,15 @@ class Client:
             response_ms=self._response_ms(decision, self._clock.now_ns() if at_ns is None else at_ns),
             token=self._token,
         )
-        self._answered = (answer_id, decision.epoch, decision.decision)
+        return self.send(message)
+
+    def send(self, message: Answer) -> bytes:
+        """Store an answer that the caller made and keeps, send it until it is acknowledged; return its id."""
+        self._answered = (message.answer_id, message.epoch, message.decision)
         # In this order: a bus in the same thread may bring the acknowledgement before `send` returns.
-        self._inbox.put((self._updates.append, AnswerUpdate(answer_id, AnswerState.SENDING)))
-        self._delivery.send(answer_id, encode(message))
-        return answer_id
+        self._inbox.put((self._updates.append, AnswerUpdate(message.answer_id, AnswerState.SENDING)))
+        self._delivery.send(message.answer_id, encode(message))
+        return message.answer_id
 
     def has_answered(self, decision: Decision) -> bool:
         """Tell whether the last answer was to this decision and has not been rejected, whatever the epoch."""
