@@ -176,8 +176,7 @@ class Client:
         `decision.actions`.  reward: in [-1, 1].  at_ns: when it was given, now when None.
         Raises: ValueError when the answer does not fit the decision, OutboxError when it cannot be kept.
         """
-        kind = kind or decision.asked
-        _check_fits(decision, kind, action, reward)
+        _check_fits(decision, kind := kind or decision.asked, action, reward)
         message = Answer(
             answer_id=self._chance.randbytes(16),
             session=self.session,
