@@ -6,6 +6,7 @@ sfid/v1/<deployment>/session/<session>/join/<teacher>            query   teacher
 sfid/v1/<deployment>/session/<session>/answer/<teacher>          query   teacher -> learner
 sfid/v1/<deployment>/session/<session>/control/<teacher>         query   teacher -> learner
 sfid/v1/<deployment>/session/<session>/present/<teacher>         token   teacher -> learner
+sfid/v1/<deployment>/session/<session>/crowd/<aggregator>        put     aggregator -> monitor
 sfid/v1/<deployment>/learner/<verb>                              query   anybody  -> learner
 sfid/v1/<deployment>/environment/<verb>                          query   learner -> environment
 sfid/v1/<deployment>/service/<role>/<name>                       token   service -> everybody
@@ -73,6 +74,10 @@ class Keys:
     def present(self, session: str = "*", teacher: str = "*") -> str:
         """A teacher's liveliness token."""
         return f"{self.root}/session/{session}/present/{teacher}"
+
+    def crowd(self, session: str = "*", aggregator: str = "*") -> str:
+        """Where an aggregator publishes what its crowd came to, and how reliable its workers are."""
+        return f"{self.root}/session/{session}/crowd/{aggregator}"
 
     def learner(self, verb: str) -> str:
         """A request about sessions: create, list, show or rows."""

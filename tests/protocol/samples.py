@@ -7,6 +7,7 @@ from protocol.messages import (
     Begun,
     Control,
     CreateSession,
+    Crowd,
     Decision,
     Done,
     Episode,
@@ -25,6 +26,7 @@ from protocol.messages import (
     Welcome,
     WindowSpec,
     Wire,
+    WorkerReliability,
     World,
 )
 
@@ -126,6 +128,25 @@ FULL: tuple[Wire, ...] = (
     DECISION,
     STEP,
     EPISODE,
+    Crowd(
+        session="s1",
+        aggregator="crowd",
+        epoch=1,
+        decision=5,
+        at_ns=1_700_000_000_000_000_000,
+        cause="quorum",
+        members=2,
+        answered=2,
+        action="RIGHT",
+        posterior={"LEFT": 0.125, "RIGHT": 0.875},
+        conclusions=6,
+        too_late=1,
+        workers=(
+            WorkerReliability(
+                worker="ann", mean=0.75, standard_error=0.0625, labels=6, standing="good", present=True
+            ),
+        ),
+    ),
     Join(session="s1", teacher="ann", client="example 1.0", token=TOKEN),
     Welcome(
         session="s1", epoch=1, rights=("answer", "window", "pause"), decision=DECISION, episodes=(EPISODE,)
