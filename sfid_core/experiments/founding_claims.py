@@ -1,0 +1,86 @@
+"""What the founding paper says of its Figure 2, as claims with intervals.
+
+Source: Raza, Johnston & Williams 2016. The paper says it in words and gives no numbers; "equal" is read as
+equivalent within a tenth of reward shaping's mean, "better" as a difference whose interval excludes 0.
+"""
+
+from collections.abc import Mapping, Sequence
+
+from sfid_core.experiments.claims import Claim, Direction, differs, is_equivalent, is_extreme
+from sfid_core.experiments.errors import ExperimentError
+from sfid_core.experiments.intervals import Resampling
+from sfid_core.experiments.summary import FOUNDING_MEASURES, Arm, Measure
+
+LABELS, REWARD = "sfid", "reward"
+EXPERT, NAIVE = "expert", "naive"
+
+WORDS = {
+    Measure.ABS_TD_ERROR: "|TD error|",
+    Measure.STEPS: "steps",
+    Measure.DISCOUNTED_RETURN: "discounted return",
+    Measure.INPUTS: "inputs",
+}
+_WORSE = {
+    Measure.ABS_TD_ERROR: Direction.MORE,
+    Measure.STEPS: Direction.MORE,
+    Measure.DISCOUNTED_RETURN: Direction.LESS,
+    Measure.INPUTS: Direction.MORE,
+}
+
+
+def founding_claims(
+    arms: Sequence[Arm], resampling: Resampling, margin_share: float = 0.1
+) -> tuple[Claim, ...]:
+    """Return the paper's claims on four arms: sfid and reward, each with the teachers expert and naive.
+
+    Each claim is on the mean over a seed's episodes. Raises: ExperimentError where an arm is missing.
+    """
+    by_name = {(arm.method, arm.teacher): arm for arm in arms}
+    wanted = [(method, teacher) for teacher in (EXPERT, NAIVE) for method in (LABELS, REWARD)]
+    missing = [", ".join(name) for name in wanted if name not in by_name]
+    if missing:
+        raise ExperimentError(f"the paper's claims need the arm {missing[0]}: add it to the experiment")
+    four = {name: by_name[name] for name in wanted}
+    return (*_equal(four, margin_share), *_better(four, resampling), *_worst(four, resampling))
+
+
+def _equal(four: Mapping[tuple[str, str], Arm], margin_share: float) -> list[Claim]:
+    labels, reward = four[LABELS, EXPERT], four[REWARD, EXPERT]
+    return [
+        is_equivalent(
+            f"with the expert, sfid and reward are equivalent in {WORDS[measure]}",
+            labels.per_seed(measure),
+            reward.per_seed(measure),
+            margin_share,
+        )
+        for measure in FOUNDING_MEASURES
+    ]
+
+
+def _better(four: Mapping[tuple[str, str], Arm], resampling: Resampling) -> list[Claim]:
+    labels, reward = four[LABELS, NAIVE], four[REWARD, NAIVE]
+    return [
+        differs(
+            f"with the naive teacher, sfid needs fewer {WORDS[measure]} than reward",
+            labels.per_seed(measure),
+            reward.per_seed(measure),
+            Direction.LESS,
+            resampling,
+        )
+        for measure in (Measure.STEPS, Measure.INPUTS)
+    ]
+
+
+def _worst(four: Mapping[tuple[str, str], Arm], resampling: Resampling) -> list[Claim]:
+    worst = four[REWARD, NAIVE]
+    others = {name: arm for name, arm in four.items() if name != (REWARD, NAIVE)}
+    return [
+        is_extreme(
+            f"reward with the naive teacher is the worst of the four in {WORDS[measure]}",
+            worst.per_seed(measure),
+            {arm.name: arm.per_seed(measure) for arm in others.values()},
+            direction,
+            resampling,
+        )
+        for measure, direction in _WORSE.items()
+    ]
