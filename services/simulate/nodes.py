@@ -1,0 +1,348 @@
+"""The processes of a simulation: the services' own code, each with a bus and a turn instead of a thread."""
+
+import logging
+from abc import ABC, abstractmethod
+from collections import deque
+from functools import partial
+from random import Random
+
+from protocol.codec import DecodeError, decode, encode
+from protocol.keys import Keys
+from protocol.messages import Answer, Control, CreateSession, Decision, Refusal, SessionQuery
+from services.client import Client
+from services.environment import Environment
+from services.learner.config import LearnerConfig
+from services.learner.service import Learner
+from services.outbox import Outbox
+from services.runtime.bus import Received, Reply, Request
+from services.runtime.faulty_bus import FaultyBus, FaultyHub
+from services.runtime.timeline import dice
+from services.simulate.disk import Disk, PowerCut, SimulatedShard
+from services.simulate.scenario import MS, SESSION
+from services.teachers.scripted import Script, ScriptedConfig
+
+KEYS = Keys("local")
+TICK_NS = 200 * MS
+"""A learner looks at its clock so often when nothing comes, as its loop does."""
+ASK_MS = 1_000
+RETRY_NS = 100 * MS
+log = logging.getLogger("sfid.simulate")
+
+
+class Node(ABC):
+    """One process: it lives, is stopped for a while, dies and is started again."""
+
+    def __init__(self, hub: FaultyHub, name: str, seed: int) -> None:
+        self.hub, self.name, self.seed = hub, name, seed
+        self.timeline = hub.timeline
+        self.alive = False
+        self.lives = 0
+        self.bus: FaultyBus
+        self.died_of: list[str] = []
+        self.chance = dice(seed, "node", name)
+        self._wakes_ns: int | None = None
+        self._stopped_until_ns = 0
+
+    def start(self) -> None:
+        """Begin a life."""
+        if self.alive:
+            return
+        self.alive = True
+        self.lives += 1
+        self._wakes_ns = None
+        self.chance = dice(self.seed, "node", self.name, str(self.lives))
+        self.hub.see("start", self.name, "")
+        self.bus = FaultyBus(self.hub, self.name, self.wake)
+        self._survive(self.begin)
+        self.wake()
+
+    def kill(self) -> None:
+        """Die as by SIGKILL."""
+        if self.alive:
+            self.alive = False
+            self.hub.see("die", self.name, "")
+            self.bus.kill()
+            self.end()
+
+    def stall(self, span_ns: int) -> None:
+        """Do nothing for a while, as after SIGSTOP; what comes in waits."""
+        self.hub.see("stall", self.name, "", payload=f"{span_ns / MS:.0f} ms".encode())
+        self._stopped_until_ns = self.timeline.now_ns() + span_ns
+
+    def wake(self) -> None:
+        """Take a turn soon: some microseconds pass before a process gets to it."""
+        self.wake_at(self.timeline.now_ns() + int((0.02 + 0.2 * self.chance.random()) * MS))
+
+    def wake_at(self, at_ns: int) -> None:
+        """Take a turn at that time, or before."""
+        if self._wakes_ns is None or at_ns < self._wakes_ns:
+            self._wakes_ns = at_ns
+            self.timeline.call_at(at_ns, partial(self._woken, at_ns, self.lives))
+
+    def _woken(self, at_ns: int, life: int) -> None:
+        if not self.alive or life != self.lives or at_ns != self._wakes_ns:
+            return
+        self._wakes_ns = None
+        if self.timeline.now_ns() < self._stopped_until_ns:
+            self.wake_at(self._stopped_until_ns)
+            return
+        self._survive(self.turn)
+        due_ns = self.due_ns() if self.alive else None
+        if due_ns is not None:
+            self.wake_at(max(due_ns, self.timeline.now_ns() + 1_000))
+
+    def _survive(self, act: "partial[None] | object") -> None:
+        assert callable(act)  # noqa: S101 - for the type checker
+        try:
+            act()
+        except PowerCut:
+            self.kill()
+        except Exception as error:  # noqa: BLE001 - whatever ends a process is evidence
+            self.died_of.append(f"{self.name} died of {type(error).__name__}: {error}")
+            self.kill()
+
+    @abstractmethod
+    def begin(self) -> None:
+        """Declare everything on the new bus."""
+
+    @abstractmethod
+    def turn(self) -> None:
+        """Do what is to be done now."""
+
+    def due_ns(self) -> int | None:
+        """When to take a turn though nothing comes."""
+        return None
+
+    def end(self) -> None:
+        """Let go of what the process held."""
+
+
+class LearnerNode(Node):
+    """The learner service on a disk."""
+
+    def __init__(self, hub: FaultyHub, seed: int, disk: Disk) -> None:
+        super().__init__(hub, "learner", seed)
+        self.disk = disk
+        self._shard: SimulatedShard | None = None
+        self._learner: Learner | None = None
+
+    def begin(self) -> None:
+        """See Node."""
+        self._shard = self.disk.open()
+        self._learner = Learner(LearnerConfig(self.disk.data_dir), self.bus, self._shard, self.timeline)
+        self._learner.open()
+
+    def turn(self) -> None:
+        """See Node."""
+        if self._learner is not None:
+            self._learner.turn(0.0)
+
+    def due_ns(self) -> int | None:
+        """See Node."""
+        if self._learner is None:
+            return None
+        return self.timeline.now_ns() + int(self._learner.wait_s(TICK_NS / 1e9) * 1e9) + 1
+
+    def end(self) -> None:
+        """See Node."""
+        self.disk.cut()
+        shard, self._shard, self._learner = self._shard, None, None
+        if shard is not None:
+            shard.abandon()
+
+
+class EnvironmentNode(Node):
+    """The environment service: one request a turn."""
+
+    def __init__(self, hub: FaultyHub, seed: int) -> None:
+        super().__init__(hub, "environment", seed)
+        self._inbox: deque[tuple[str, Request]] = deque()
+        self._environment = Environment()
+
+    def begin(self) -> None:
+        """See Node."""
+        self._inbox.clear()
+        self._environment = Environment()
+        for verb in ("begin", "execute"):
+            self.bus.serve(KEYS.environment(verb), partial(self._enqueue, verb))
+        self.bus.announce(KEYS.service("environment", "environment"))
+
+    def _enqueue(self, verb: str, request: Request) -> None:
+        self._inbox.append((verb, request))
+
+    def turn(self) -> None:
+        """See Node."""
+        while self._inbox:
+            verb, request = self._inbox.popleft()
+            reply = self._environment.handle(verb, request.payload)
+            if isinstance(reply, Refusal):
+                request.reply_error(encode(reply))
+            else:
+                request.reply(encode(reply))
+
+
+class TeacherNode(Node):
+    """A scripted teacher behind the public client; the outbox outlives it, as a file does."""
+
+    def __init__(self, hub: FaultyHub, seed: int, config: ScriptedConfig, outbox: Outbox) -> None:
+        super().__init__(hub, config.teacher, seed)
+        self._config, self._outbox = config, outbox
+        self._client: Client | None = None
+        self._script: Script | None = None
+
+    @property
+    def unacknowledged(self) -> int:
+        """Answers that the learner has not acknowledged."""
+        return len(self._outbox.pending())
+
+    def begin(self) -> None:
+        """See Node."""
+        self._client = Client(
+            self.bus, KEYS, SESSION, self.name,
+            outbox=self._outbox, clock=self.timeline, measures=True, chance=self.chance,
+        )  # fmt: skip
+        self._script = Script(self._config, self._client.has_answered)
+        self._client.__enter__()
+
+    def turn(self) -> None:
+        """See Node."""
+        client, script = self._client, self._script
+        if client is None or script is None:
+            return
+        while True:
+            while (update := client.next(0)) is not None:
+                script.hear(update, self.timeline.now_ns())
+            said = script.speak(self.timeline.now_ns())
+            if said is None:
+                return
+            silent = said.action is None and said.reward is None
+            client.answer(
+                said.decision, kind="abstain" if silent else None, action=said.action, reward=said.reward
+            )
+
+    def due_ns(self) -> int | None:
+        """See Node."""
+        if self._client is None or self._script is None:
+            return None
+        due_ns = self._client.due_ns
+        return due_ns if self._script.due_ns is None else min(due_ns, self._script.due_ns)
+
+    def end(self) -> None:
+        """See Node."""
+        self._client = self._script = None
+
+
+class OperatorNode(Node):
+    """Creates the session, pauses and resumes it, and asks for the report at the end; asks until answered."""
+
+    def __init__(self, hub: FaultyHub, seed: int, config: CreateSession) -> None:
+        super().__init__(hub, "operator", seed)
+        self.report: bytes | None = None
+        self._config = config
+        self._wishes: deque[tuple[str, bytes]] = deque([(KEYS.learner("create"), encode(config))])
+        self._asking = False
+
+    def begin(self) -> None:
+        """See Node."""
+
+    def pause(self, span_ns: int) -> None:
+        """Pause the session for about so long."""
+        self._control("pause")
+        self.timeline.call_in(span_ns, partial(self._control, "resume"))
+
+    def show(self) -> None:
+        """Ask for the report, once the wishes before it are granted."""
+        self._wishes.append((KEYS.learner("show"), encode(SessionQuery(session=SESSION))))
+        self.wake()
+
+    def _control(self, verb: str) -> None:
+        message = Control(session=SESSION, teacher="operator", verb=verb)  # type: ignore[arg-type]
+        self._wishes.append((KEYS.control(SESSION, "operator"), encode(message)))
+        self.wake()
+
+    def turn(self) -> None:
+        """See Node."""
+        if self._wishes and not self._asking:
+            self._asking = True
+            key, payload = self._wishes[0]
+            self.bus.ask(key, payload, self._on_reply, ASK_MS)
+
+    def _on_reply(self, reply: Reply | None) -> None:
+        self._asking = False
+        if reply is None or not reply.ok:
+            self.timeline.call_in(RETRY_NS, self.wake)
+            return
+        key, _ = self._wishes.popleft()
+        if key == KEYS.learner("show"):
+            self.report = reply.payload
+
+
+class ViewerNode(Node):
+    """Watches everything and asks for reports at odd moments; whatever it does must change nothing."""
+
+    def begin(self) -> None:
+        """See Node."""
+        self.bus.subscribe(KEYS.decision(), self._hear)
+        self.bus.subscribe(KEYS.measures(), self._hear)
+
+    def _hear(self, _received: Received) -> None:
+        if self.chance.random() < 0.1:
+            self.bus.ask(
+                KEYS.learner("show"), encode(SessionQuery(session=SESSION)), lambda _reply: None, ASK_MS
+            )
+
+    def turn(self) -> None:
+        """See Node."""
+
+
+class MeddlerNode(Node):
+    """A second client under the teachers' names that does what a broken or hostile one would.
+
+    It repeats what they sent, sends other contents under the same ids, answers decisions that are over or
+    not open, for states that they were not asked about, and sends bytes that are no messages. None of this
+    may change what is learnt.
+    """
+
+    def __init__(self, hub: FaultyHub, seed: int) -> None:
+        super().__init__(hub, "meddler", seed)
+        self.acknowledged: list[tuple[str, bytes]] = []
+        """(key, payload) of answers that were acknowledged."""
+        self._decision: Decision | None = None
+
+    def begin(self) -> None:
+        """See Node."""
+        self.bus.subscribe(KEYS.decision(), self._hear)
+
+    def _hear(self, received: Received) -> None:
+        try:
+            self._decision = decode(received.payload, Decision)
+        except DecodeError:
+            return
+        if self.acknowledged and self.chance.random() < 0.25:
+            key, payload = self.chance.choice(self.acknowledged)
+            self.bus.ask(key, self._meddled(self.chance, payload), lambda _reply: None, ASK_MS)
+
+    def _meddled(self, chance: Random, payload: bytes) -> bytes:
+        before, decision = decode(payload, Answer), self._decision
+        deed = chance.randrange(6)
+        if deed == 0 or decision is None:
+            return payload
+        if deed == 1:
+            return _with(before, action=chance.choice(decision.actions), response_ms=chance.randrange(1 << 30))
+        fresh = {"answer_id": chance.randbytes(16)}
+        if deed == 2:
+            return _with(before, **fresh)
+        if deed == 3:
+            return _with(before, **fresh, decision=decision.decision + chance.randint(2, 9))
+        if deed == 4:
+            other = bytes(byte ^ 0x55 for byte in decision.state) or b"elsewhere"
+            return _with(before, **fresh, decision=decision.decision, step=decision.step, state=other)
+        return payload[: chance.randrange(len(payload))] + chance.randbytes(3)
+
+    def turn(self) -> None:
+        """See Node."""
+
+
+def _with(answer: Answer, **changes: object) -> bytes:
+    fields = {name: getattr(answer, name) for name in answer.__struct_fields__} | changes
+    return encode(Answer(**fields))

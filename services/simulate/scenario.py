@@ -1,0 +1,158 @@
+"""What one seed stands for: a lesson, the faults of its network and disk, and its trials, all drawn."""
+
+from dataclasses import dataclass, replace
+from enum import Enum
+from functools import lru_cache
+from random import Random
+
+from protocol.messages import CreateSession, WindowSpec, World
+from services.runtime.faults import Faults
+from services.runtime.timeline import dice
+from services.simulate.disk import DiskFaults
+
+SESSION = "s1"
+LESSONS = 24
+"""Lessons are few and shared by all seeds, so that each is run without faults only once."""
+TEACHERS = ("ann", "bob", "cyd")
+LEVELS = (
+    "#######\n#.  $@#\n#     #\n#######",
+    "######\n#    #\n# $@ #\n#  . #\n######",
+    "#######\n#  .  #\n# $$  #\n# .@  #\n#######",
+)
+MS = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Lesson:
+    """A session and those who teach it."""
+
+    config: CreateSession
+    teachers: tuple[str, ...]
+    error_rate: float
+    silence_rate: float
+    exact: bool
+    """Whether faults must not change what is learnt: people are waited for, and all of them return."""
+
+
+class What(Enum):
+    """A trial."""
+
+    KILL_LEARNER = "kill the learner"
+    KILL_ENVIRONMENT = "kill the environment"
+    KILL_TEACHER = "kill a teacher"
+    LEAVE = "a teacher leaves for good"
+    STALL = "stop a process and let it go on"
+    CUT = "cut one direction between two processes"
+    OFFLINE = "take a process off the network"
+    PAUSE = "pause and resume"
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """Something that happens when a decision is first published, or soon after."""
+
+    decision: int
+    after_ns: int
+    what: What
+    who: str
+    span_ns: int
+    other: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """Everything that a seed decides."""
+
+    seed: int
+    lesson: Lesson
+    faults: Faults
+    disk: DiskFaults
+    trials: tuple[Trial, ...]
+    viewer: bool = True
+    meddler: bool = True
+
+    def calm(self) -> "Scenario":
+        """Return the same lesson with nothing in its way, and nobody watching."""
+        return Scenario(0, self.lesson, Faults(), DiskFaults(), (), viewer=False, meddler=False)
+
+    def unwatched(self) -> "Scenario":
+        """Return the same without a viewer."""
+        return replace(self, viewer=False)
+
+
+@lru_cache(LESSONS)
+def lesson(number: int) -> Lesson:
+    """Return one of the lessons."""
+    chance = dice(number, "lesson")
+    kind = chance.choice(("exact", "exact", "exact", "present", "early", "full", "reward", "q-learning"))
+    teachers = TEACHERS[: chance.randint(1, 3)] if kind != "q-learning" else ()
+    mode = "until-answered" if kind in {"exact", "present", "reward"} else "early"
+    window = WindowSpec(
+        mode="full" if kind == "full" else mode,  # type: ignore[arg-type]
+        span_ms=chance.randint(20, 400),
+        quorum=len(teachers) if kind == "exact" else 0,
+    )
+    world = World(
+        level=chance.choice(LEVELS),
+        level_name="simulated",
+        starts=chance.choice(("1", "4")),
+        steps_max=chance.randint(4, 12),
+    )
+    config = CreateSession(
+        session=SESSION,
+        world=world,
+        method=kind if kind in {"reward", "q-learning"} else "sfid",
+        episodes=chance.randint(3, 5),
+        seed=chance.randrange(2**32),
+        window=window,
+        teachers_min=len(teachers),
+    )
+    rates = chance.choice((0.0, 0.2)), chance.choice((0.0, 0.1))
+    return Lesson(config, teachers, *rates, exact=kind in {"exact", "q-learning"})
+
+
+def scenario(seed: int) -> Scenario:
+    """Return what a seed stands for."""
+    chance = dice(seed, "scenario")
+    taught = lesson(seed % LESSONS)
+    faults = Faults(
+        drop=chance.choice((0.0, 0.02, 0.1)),
+        duplicate=chance.choice((0.0, 0.05, 0.3)),
+        reorder=chance.choice((0.0, 0.3)),
+        slow=chance.choice((0.0, 0.02, 0.05)),
+        delay_ms=chance.choice((0.2, 3.0, 30.0)),
+        presence_ms=chance.choice((2.0, 300.0)),
+    )
+    disk = DiskFaults(fails=chance.choice((0.0, 0.05)), cut=chance.choice((0.0, 0.0, 0.04)))
+    trials = tuple(_trial(chance, taught) for _ in range(chance.randint(2, 8)))
+    return Scenario(seed, taught, faults, disk, _one_leaver(trials))
+
+
+def _one_leaver(trials: tuple[Trial, ...]) -> tuple[Trial, ...]:
+    leaves = [trial for trial in trials if trial.what is What.LEAVE]
+    return tuple(trial for trial in trials if trial.what is not What.LEAVE or trial is leaves[0])
+
+
+def _trial(chance: Random, taught: Lesson) -> Trial:
+    kinds = [What.KILL_LEARNER, What.KILL_ENVIRONMENT, What.STALL, What.CUT, What.OFFLINE, What.PAUSE]
+    if taught.teachers:
+        kinds += [What.KILL_TEACHER, What.KILL_TEACHER]
+    if len(taught.teachers) > 1 and not taught.exact:
+        kinds += [What.LEAVE, What.LEAVE]
+    what = chance.choice(kinds)
+    everybody = ("learner", "environment", *taught.teachers)
+    who, other = chance.choice(everybody), chance.choice(everybody)
+    if what is What.KILL_LEARNER:
+        who = "learner"
+    elif what is What.KILL_ENVIRONMENT:
+        who = "environment"
+    elif what in {What.KILL_TEACHER, What.LEAVE}:
+        who = chance.choice(taught.teachers)
+    return Trial(
+        decision=chance.randint(0, 30),
+        after_ns=int(chance.random() * chance.choice((1, 20)) * MS),
+        what=what,
+        who=who,
+        span_ns=int(chance.choice((5, 300, 8_000)) * chance.random() * MS),
+        other=other,
+    )
