@@ -18,6 +18,7 @@ class Role(Enum):
     LEARNER = "learner"
     MONITOR = "monitor"
     TEACHER = "teacher"
+    GATEWAY = "gateway"
     OPERATOR = "operator"
 
 
@@ -81,6 +82,13 @@ def _clients(keys: Keys) -> tuple[Node, ...]:
             subscribes=news,
             asks=(keys.join(), keys.answer(), keys.control()),
             announces=(keys.present(),),
+        ),
+        Node(
+            Role.GATEWAY,
+            "serves the teaching page, and is a teacher for everybody who has it open",
+            subscribes=news,
+            asks=(keys.join(), keys.answer()),
+            announces=(keys.present(), keys.service("gateway")),
         ),
         Node(
             Role.OPERATOR,

@@ -1,0 +1,198 @@
+"""`sfid gateway`, `sfid invite`: teaching from a browser."""
+
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from protocol.keys import checked
+from services.cli.failure import CommandError
+from services.cli.options import ENDPOINT, Connect, Data, Deployment, Json, SupervisedFd, Verbose, print_json
+from services.cli.waiting import service_bus
+
+DATA = Path("sfid-data/up")
+HOUR_S = 3600
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the commands."""
+    app.command()(gateway)
+    app.command()(invite)
+
+
+def gateway(  # noqa: PLR0917 - one argument a flag
+    connect: Connect = ENDPOINT,
+    deployment: Deployment = "local",
+    data: Data = DATA,
+    listen: Annotated[
+        str, typer.Option(help="HOST:PORT of the page; port 0 takes a free one.")
+    ] = "127.0.0.1:7480",
+    url: Annotated[
+        str | None, typer.Option(help="Address that browsers use, where it is another (a proxy's, say).")
+    ] = None,
+    tls_cert: Annotated[Path | None, typer.Option(help="PEM file of the certificate chain.")] = None,
+    tls_key: Annotated[Path | None, typer.Option(help="PEM file of its key.")] = None,
+    insecure_bind: Annotated[
+        bool, typer.Option(help="Listen where other machines reach it, although nothing is encrypted.")
+    ] = False,
+    status: Annotated[
+        bool, typer.Option("--status", help="Start nothing: show what the gateway of --data counts.")
+    ] = False,
+    as_json: Json = False,
+    verbose: Verbose = False,
+    supervised_fd: SupervisedFd = None,
+) -> None:
+    """Serve the teaching page: anyone with an invitation teaches from a browser."""
+    from services.gateway.config import GatewayConfig, GatewayError, place_of
+    from services.gateway.service import run
+    from services.runtime.process import ProcessConfig, ServiceProcess
+
+    checked(deployment, "deployment")
+    if status:
+        _show_status(data, as_json=as_json)
+        return
+    config = GatewayConfig(
+        data_dir=data,
+        deployment=deployment,
+        listen=listen,
+        url=url,
+        tls_cert=tls_cert,
+        tls_key=tls_key,
+        insecure_bind=insecure_bind,
+    )
+    try:
+        place_of(config)  # what cannot be is said before a router is waited for
+        process = ServiceProcess(ProcessConfig("gateway", supervised_fd, verbose))
+        bus = service_bus(connect, process.stop)
+        try:
+            run(config, bus, process.ready, process.stop)
+        finally:
+            bus.close()
+    except GatewayError as error:
+        raise CommandError(str(error)) from None
+
+
+def invite(  # noqa: PLR0917 - one argument a flag
+    session: Annotated[str, typer.Option(help="Session to teach.")] = "",
+    name: Annotated[str | None, typer.Option(help="Invite one person, under this name.")] = None,
+    people: Annotated[int, typer.Option(help="How many people may use the one link, 1 to 100,000.")] = 30,
+    hours: Annotated[float, typer.Option(help="How long the link is good for.")] = 24.0,
+    qr: Annotated[bool, typer.Option(help="Draw the link as a QR code, to be scanned.")] = True,
+    revoke: Annotated[
+        str | None, typer.Option(help="Withdraw the link with this id, and all that was given for it.")
+    ] = None,
+    url: Annotated[
+        str | None, typer.Option(help="Address of the page; default: the running gateway's.")
+    ] = None,
+    data: Data = DATA,
+    as_json: Json = False,
+) -> None:
+    """Make a link to the teaching page: for one person with --name, else one for a whole class."""
+    from services.gateway.config import GatewayError
+
+    try:
+        if revoke is not None:
+            _revoke(data, revoke, as_json=as_json)
+            return
+        if not session:
+            raise CommandError("no session: name the one to teach with --session")
+        made = _link(data, checked(session, "session"), name, people, hours, url)
+    except GatewayError as error:
+        raise CommandError(str(error)) from None
+    if as_json:
+        print_json(made)
+        return
+    _print_link(made, qr=qr)
+
+
+def _link(
+    data: Path, session: str, name: str | None, people: int, hours: float, url: str | None
+) -> dict[str, Any]:
+    from protocol.identity import Identity, Role, sign
+    from services.gateway.config import GatewayConfig
+    from services.gateway.register import new_token_id
+    from services.gateway.secret import load_secrets
+    from services.gateway.service import read_status
+
+    if not 1 <= people <= 100_000:
+        raise CommandError(f"--people {people}: give 1 to 100000")
+    if not 0 < hours <= 24 * 366:
+        raise CommandError(f"--hours {hours:g}: give more than 0 and at most a year")
+    address = url or str(read_status(data)["url"])
+    expires_s = int(time.time() + hours * HOUR_S)
+    one = Identity(
+        role=Role.INVITATION, session=session, expires_s=expires_s, token_id=new_token_id(), people=people
+    )
+    if name is not None:
+        pseudonym = checked(name, "teacher")
+        one = Identity(
+            role=Role.TEACHER,
+            session=session,
+            pseudonym=pseudonym,
+            expires_s=expires_s,
+            token_id=one.token_id,
+        )
+    token = sign(one, load_secrets(GatewayConfig(data).folder))
+    return {
+        "url": f"{address.rstrip('/')}/#t={token}",
+        "id": one.token_id,
+        "session": session,
+        "name": name,
+        "people": one.people or 1,
+        "expires_s": expires_s,
+    }
+
+
+def _print_link(made: dict[str, Any], *, qr: bool) -> None:
+    import segno
+
+    if qr:
+        segno.make(made["url"], error="l", micro=False).terminal(compact=True, border=2)
+    until = time.strftime("%Y-%m-%d %H:%M", time.localtime(made["expires_s"]))
+    whom = f"{made['name']} alone" if made["name"] else f"up to {made['people']} people"
+    print(made["url"])
+    print(f"for {whom}, to teach {made['session']} until {until}; id {made['id']}")
+    print(f"withdraw it: `sfid invite --revoke {made['id']}`")
+
+
+def _revoke(data: Path, token_id: str, *, as_json: bool) -> None:
+    from protocol.identity import is_token_id
+    from services.gateway.config import GatewayConfig
+    from services.gateway.register import Register
+
+    if not is_token_id(token_id):
+        raise CommandError(
+            f"--revoke {token_id[:40]!r} is no id: give the 16 digits that `sfid invite` printed"
+        )
+    try:
+        Register(GatewayConfig(data).folder).revoke(token_id)
+    except OSError as error:
+        raise CommandError(
+            f"{data}: {error.strerror or error}: name the gateway's --data directory"
+        ) from None
+    if as_json:
+        print_json({"revoked": token_id})
+    else:
+        print(f"withdrawn: {token_id}, and whatever was given for it")
+
+
+def _show_status(data: Path, *, as_json: bool) -> None:
+    from services.gateway.config import GatewayError
+    from services.gateway.service import read_status
+
+    try:
+        found = read_status(data)
+    except GatewayError as error:
+        raise CommandError(str(error), 1) from None
+    found["age_s"] = max(0, int(time.time()) - found["at_s"])
+    if as_json:
+        print_json(found)
+        return
+    print(f"{found['url']}, as of {found['age_s']} s ago")
+    print(
+        f"{found['people']} people in {found['rooms']} sessions, {found['answers_open']} answers on their way"
+    )
+    for title in ("done", "refused"):
+        rows = [f"{name} {count}" for name, count in sorted(found[title].items())]
+        print(f"{title}: {', '.join(rows) or 'nothing'}")

@@ -1,0 +1,128 @@
+"""What outlives the gateway about its people: who took up which invitation, and what was revoked.
+
+A file of JSON lines that is only appended to, by the gateway and by `sfid invite --revoke`; each line is one
+write of less than a page, so writers do not mix, and it is synced before anybody is told.
+"""
+
+import hashlib
+import json
+import os
+import secrets
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from protocol.identity import Identity, NameOrNone, Role, TokenId, sign
+
+NAME = "register.jsonl"
+_LETTERS = "abcdefghjkmnpqrstuvwxyz23456789"
+"""No i, l, o, 0 or 1: pseudonyms are read aloud in a class."""
+_PSEUDONYM_LETTERS = 8
+
+
+class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    event: Literal["taken-up", "revoked"]
+    token: TokenId
+    nonce: Annotated[str, Meta(max_length=64)] = ""
+    pseudonym: NameOrNone = ""
+
+
+class Full(Exception):  # noqa: N818 - not a fault of the program
+    """As many people as the invitation is good for have taken it up."""
+
+
+class Register:
+    """Invitations taken up and tokens revoked; `refresh` reads what other processes have added."""
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / NAME
+        self._offset = 0
+        self._people: dict[str, dict[str, str]] = {}
+        self.revoked: set[str] = set()
+        self.unreadable = 0
+        self.refresh()
+
+    def refresh(self) -> bool:
+        """Read what was added since; tell whether there was anything."""
+        try:
+            with self._path.open("rb") as file:
+                file.seek(self._offset)
+                added = file.read()
+        except FileNotFoundError:
+            return False
+        whole = added[: added.rfind(b"\n") + 1]
+        self._offset += len(whole)
+        for line in whole.splitlines():
+            self._take(line)
+        return bool(whole)
+
+    def take_up(self, invitation: Identity, nonce: str) -> str:
+        """Return the pseudonym of whoever brings this invitation and nonce, the same each time.
+
+        Args: nonce: made and kept by the browser, so that a lost reply does not cost a second place.
+        Raises: Full.
+        """
+        self.refresh()
+        key = hashlib.sha256(nonce.encode()).hexdigest()[:32]
+        people = self._people.get(invitation.token_id, {})
+        if key in people:
+            return people[key]
+        if len(people) >= invitation.people:
+            raise Full
+        pseudonym = draw_pseudonym()
+        self._append(_Entry("taken-up", invitation.token_id, key, pseudonym))
+        return pseudonym
+
+    def revoke(self, token_id: str) -> None:
+        """Make a token, or an invitation with all that was given for it, worthless."""
+        self._append(_Entry("revoked", token_id))
+
+    def people(self, invitation: str) -> int:
+        """Return how many people have taken up an invitation."""
+        return len(self._people.get(invitation, {}))
+
+    def _append(self, entry: _Entry) -> None:
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+        try:
+            os.write(handle, json.dumps(msgspec.to_builtins(entry)).encode() + b"\n")
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+        self.refresh()
+
+    def _take(self, line: bytes) -> None:
+        try:
+            entry = msgspec.json.decode(line, type=_Entry)
+        except msgspec.DecodeError:
+            self.unreadable += 1
+            return
+        if entry.event == "revoked":
+            self.revoked.add(entry.token)
+        else:
+            self._people.setdefault(entry.token, {})[entry.nonce] = entry.pseudonym
+
+
+def draw_pseudonym() -> str:
+    """Return a name that says nothing about its bearer."""
+    return "p-" + "".join(secrets.choice(_LETTERS) for _ in range(_PSEUDONYM_LETTERS))
+
+
+def new_token_id() -> str:
+    """Return an id that no other token has."""
+    return secrets.token_hex(8)
+
+
+def given_for(invitation: Identity, pseudonym: str, keys: list[bytes]) -> tuple[Identity, str]:
+    """Return the identity, and its token, that a person is given for an invitation."""
+    identity = Identity(
+        role=Role.TEACHER,
+        session=invitation.session,
+        pseudonym=pseudonym,
+        expires_s=invitation.expires_s,
+        token_id=new_token_id(),
+        invitation=invitation.token_id,
+    )
+    return identity, sign(identity, keys)

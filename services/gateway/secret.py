@@ -1,0 +1,58 @@
+"""The secret that signs tokens: one file of the data directory, readable by its owner alone."""
+
+import os
+import secrets
+import stat
+from pathlib import Path
+
+from protocol.identity import SECRET_BYTES_MIN
+from services.gateway.config import GatewayError
+
+NAME = "secret"
+
+
+def load_secrets(folder: Path) -> list[bytes]:
+    """Return the secrets of a gateway, oldest first; the first call makes one.
+
+    The file has one secret a line, in hex. A line added at the end signs from the next start on, while the
+    lines before it still verify. Raises: GatewayError when others can read the file, or it holds no secret.
+    """
+    path = folder / NAME
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        _make(path)
+        mode = path.stat().st_mode
+        lines = path.read_text("ascii").split()
+        found = [bytes.fromhex(line) for line in lines]
+    except OSError as error:
+        raise GatewayError(
+            f"{path}: {error.strerror or error}: name a --data directory that can be written"
+        ) from None
+    except ValueError:
+        found, mode = [], 0
+    if mode & (stat.S_IRWXG | stat.S_IRWXO):
+        raise GatewayError(
+            f"{path}: others can read the secret: `chmod 600 {path}`, or delete it for a new one"
+        )
+    if not found or any(len(secret) < SECRET_BYTES_MIN for secret in found):
+        raise GatewayError(f"{path}: no secret of {SECRET_BYTES_MIN} bytes in hex: delete it for a new one")
+    return found
+
+
+def _make(path: Path) -> None:
+    """Write a new secret whole or not at all; one who comes second uses the first one's."""
+    if path.exists():
+        return
+    part = path.with_name(f"{NAME}.{os.getpid()}.part")
+    handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    try:
+        os.write(handle, secrets.token_hex(SECRET_BYTES_MIN).encode() + b"\n")
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+    try:
+        os.link(part, path)
+    except FileExistsError:
+        pass
+    finally:
+        part.unlink()
