@@ -3,13 +3,24 @@
 Sources: sokobano.de wiki, "Level format"; Sokoban File Format 0.17; boxoban-levels README.
 """
 
+from collections.abc import Iterable
 from functools import cache
 from importlib import resources
 
 from sfid_core.sokoban.board import Level
 from sfid_core.sokoban.notation import SIDE_MAX, Block, LevelError, Row, blocks_of, too_big
 
-__all__ = ["FILE_BYTES_MAX", "LevelError", "load_bytes", "packaged", "packaged_levels", "parse_levels"]
+__all__ = [
+    "FILE_BYTES_MAX",
+    "LevelError",
+    "collection",
+    "load_bytes",
+    "packaged",
+    "packaged_levels",
+    "parse_levels",
+    "read_bytes",
+    "read_levels",
+]
 
 FILE_BYTES_MAX = 256 * 1024
 """A file of levels: a thousand Boxoban levels are 120 KiB."""
@@ -22,17 +33,33 @@ def parse_levels(text: str) -> tuple[Level, ...]:
 
     Raises LevelError, one line: what is wrong, where (level, line), and the mend.
     """
+    return _all_sound(read_levels(text))
+
+
+def read_levels(text: str) -> tuple[Level | LevelError, ...]:
+    """Read every level of a text, in order, and in place of one that cannot be read its fault.
+
+    Raises LevelError when there is no level at all.
+    """
     blocks, shared = blocks_of(text)
     if not blocks:
         message = "empty: no level found; draw one with # walls, @ player, $ boxes and . goals"
         raise LevelError(message)
-    return tuple(_level(block, shared) for block in blocks)
+    return tuple(_level_or_fault(block, shared) for block in blocks)
 
 
 def load_bytes(data: bytes, source: str) -> tuple[Level, ...]:
     """Read the levels of a file's bytes; `source` names the file in errors.
 
     UTF-8 with or without a byte-order mark, any line ends, FILE_BYTES_MAX at most.  Raises LevelError.
+    """
+    return _all_sound(read_bytes(data, source))
+
+
+def read_bytes(data: bytes, source: str) -> tuple[Level | LevelError, ...]:
+    """Read a file's bytes as `load_bytes` does, with its fault in place of a level that cannot be read.
+
+    Raises LevelError when the file is no text or has no level.
     """
     if len(data) > FILE_BYTES_MAX:
         message = (
@@ -49,10 +76,16 @@ def load_bytes(data: bytes, source: str) -> tuple[Level, ...]:
         message = f"{source}: binary, not text (byte 0x{control:02x}); save the levels as plain UTF-8 text"
         raise LevelError(message)
     try:
-        return parse_levels(text)
+        read = read_levels(text)
     except LevelError as error:
         message = f"{source}: {error}"
         raise LevelError(message) from None
+    return tuple(LevelError(f"{source}: {one}") if isinstance(one, LevelError) else one for one in read)
+
+
+def collection(levels: Iterable[Level]) -> str:
+    """Return levels as the text of one file, with their titles and authors, that reads back to them."""
+    return "\n".join(_with_keys(level) for level in levels)
 
 
 def packaged_levels() -> tuple[str, ...]:
@@ -70,6 +103,30 @@ def packaged(name: str) -> tuple[Level, ...]:
         raise LevelError(message)
     file = resources.files("sfid_core.sokoban").joinpath("levels", f"{name}.xsb")
     return load_bytes(file.read_bytes(), f"{name}.xsb")
+
+
+def _with_keys(level: Level) -> str:
+    keys = (("Title", level.title), ("Author", level.author))
+    return "".join(f"{line}\n" for line in (level.to_xsb(), *(f"{k}: {text}" for k, text in keys if text)))
+
+
+def _all_sound(read: tuple[Level | LevelError, ...]) -> tuple[Level, ...]:
+    """Return the levels; raise the first fault among them."""
+    levels = []
+    for one in read:
+        if isinstance(one, LevelError):
+            raise one
+        levels.append(one)
+    return tuple(levels)
+
+
+def _level_or_fault(block: Block, shared: dict[str, str]) -> Level | LevelError:
+    if block.fault is not None:
+        return block.fault
+    try:
+        return _level(block, shared)
+    except LevelError as fault:
+        return fault
 
 
 def _level(block: Block, shared: dict[str, str]) -> Level:

@@ -31,11 +31,12 @@ class Row:
 
 @dataclass
 class Block:
-    """The rows of one level and the keys (`title`, `author`, ...) that belong to it."""
+    """The rows of one level, or the fault for which they cannot be read, and its keys (`title`, ...)."""
 
     number: int
     rows: list[Row]
     keys: dict[str, str] = field(default_factory=dict)
+    fault: LevelError | None = None
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,8 @@ def blocks_of(text: str) -> tuple[list[Block], dict[str, str]]:
     """Cut a file into its levels, and the keys that stand for the whole file.
 
     Keys belong to the level they follow, as in `.sok` files; a run of keys that touches the next
-    level and not the one before belongs to the next.  Raises LevelError for a row that holds an
-    unknown character or is too long.
+    level and not the one before belongs to the next.  A row that holds an unknown character or is too
+    long is the fault of its block.
     """
     runs = [(kind, list(lines)) for kind, lines in groupby(_lines(text), _run_kind)]
     shared: dict[str, str] = {}
@@ -58,8 +59,7 @@ def blocks_of(text: str) -> tuple[list[Block], dict[str, str]]:
     pending: dict[str, str] = {}
     for index, (kind, lines) in enumerate(runs):
         if kind == "rows":
-            number = len(blocks) + 1
-            blocks.append(Block(number, [row for line in lines for row in _rows(line, number)], pending))
+            blocks.append(_block(len(blocks) + 1, lines, pending))
             pending = {}
         elif kind == "words":
             keys = dict(_keys(lines))
@@ -70,6 +70,13 @@ def blocks_of(text: str) -> tuple[list[Block], dict[str, str]]:
             else:
                 (blocks[-1].keys if blocks else shared).update(keys)
     return blocks, shared
+
+
+def _block(number: int, lines: list[_Line], keys: dict[str, str]) -> Block:
+    try:
+        return Block(number, [row for line in lines for row in _rows(line, number)], keys)
+    except LevelError as fault:
+        return Block(number, [], keys, fault)
 
 
 def _lines(text: str) -> Iterator[_Line]:

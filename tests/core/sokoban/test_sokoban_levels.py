@@ -15,8 +15,10 @@ from sfid_core.sokoban.levels import (
     packaged,
     packaged_levels,
     parse_levels,
+    read_bytes,
 )
 from sfid_core.sokoban.solver import solve
+from sfid_core.sokoban.tables import count_states
 
 BOXOBAN = Path(__file__).resolve().parents[4] / "shared" / "data" / "boxoban-test-100.txt"
 
@@ -232,7 +234,7 @@ def test_the_packaged_room_is_the_room_of_the_paper_from_its_hardest_start() -> 
 
 
 def test_the_packaged_lessons_can_be_solved_and_grow_harder() -> None:
-    assert packaged_levels() == ("classroom", "room")
+    assert packaged_levels() == ("classroom", "room", "three-boxes", "two-boxes")
     lessons = packaged("classroom")
     steps = [solve(level).distance(level.start) for level in lessons]
     assert steps == [2, 6, 9, 12, 17, 24, 35]
@@ -241,8 +243,41 @@ def test_the_packaged_lessons_can_be_solved_and_grow_harder() -> None:
     assert {level.author for level in lessons} == {"SfID authors"}
 
 
+@pytest.mark.parametrize(
+    "name, boxes, steps, states_max",
+    [("two-boxes", 2, [12, 20, 28, 39], 30_000), ("three-boxes", 3, [21, 32, 41], 300_000)],
+)
+def test_the_packaged_rooms_for_experiments_are_of_modest_size_and_grow_harder(
+    name: str, boxes: int, steps: list[int], states_max: int
+) -> None:
+    rooms = packaged(name)
+    assert [solve(room).distance(room.start) for room in rooms] == steps
+    assert {len(room.boxes) for room in rooms} == {boxes}
+    assert max(map(count_states, rooms)) <= states_max
+    assert len({room.title for room in rooms}) == len(rooms)
+    assert {room.author for room in rooms} == {"SfID authors"}
+
+
+def test_a_level_that_cannot_be_read_leaves_the_others_readable() -> None:
+    text = f"{ONE}\n\n####\n#@.#\n####\n\n#####\n#@X.#\n#####\nTitle: bad\n\n{ONE}\nTitle: good\n"
+    first, no_box, unknown, last = read_bytes(text.encode(), "x.xsb")
+    assert (first, last) == parse_levels(f"{ONE}\n\n{ONE}\nTitle: good")
+    assert [str(no_box), str(unknown)] == [
+        "x.xsb: level 2, lines 5-7: no box; put a $ (or * on a goal) on the floor",
+        (
+            "x.xsb: level 3, line 10, column 3: unknown character 'X'; "
+            "a board is drawn with #@+$*. and space, - or _"
+        ),
+    ]
+    with pytest.raises(LevelError, match="level 2, lines 5-7: no box"):
+        load_bytes(text.encode(), "x.xsb")
+
+
 def test_an_unknown_packaged_set_is_answered_with_those_there_are() -> None:
-    with pytest.raises(LevelError, match=r"^no packaged level set 'nine'; there are: classroom, room$"):
+    with pytest.raises(
+        LevelError,
+        match=r"^no packaged level set 'nine'; there are: classroom, room, three-boxes, two-boxes$",
+    ):
         packaged("nine")
 
 
