@@ -8,7 +8,7 @@ happened in between.
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import NamedTuple, TypeVar
+from typing import Annotated, NamedTuple, TypeVar
 
 import msgspec
 
@@ -69,6 +69,9 @@ class Kind(Enum):
     """No event: an answer that came under the id of another; kept for audit, never applied."""
 
 
+Distance = Annotated[int, msgspec.Meta(ge=-1)]
+
+
 class Record(NamedTuple):
     """What the fold needs of a journal row."""
 
@@ -124,7 +127,17 @@ def event_body(event: Event) -> tuple[Kind, bytes]:
 
 def step_body(event: StepTaken, elapsed_at_ns: int | None) -> bytes:
     """Return the body of a transition, with the closing by the clock that led to it, if one did."""
-    return pack([event.decision, event.reward, event.outcome.value, event.state, event.view, elapsed_at_ns])
+    return pack(
+        [
+            event.decision,
+            event.reward,
+            event.outcome.value,
+            event.state,
+            event.view,
+            elapsed_at_ns,
+            event.distance,
+        ]
+    )
 
 
 def digest_body(session: Session, q_sha256: str) -> bytes:
@@ -179,10 +192,7 @@ def fold(records: Iterable[Record]) -> Folded | None:
 def _apply(folded: Folded, record: Record, actions: tuple[str, ...], numbers: dict[str, int]) -> None:
     if record.kind == Kind.DIGEST.value:
         folded.digests += 1
-        if (
-            _read(record.kind, record.body, tuple[Count, Count, str])[2]
-            != folded.session.method.table.sha256()
-        ):
+        if _read(record.kind, record.body, tuple[Count, Count, str])[2] != folded.session.learner.sha256():
             folded.mismatches.append(folded.session.decision)
         return
     for at_ns, event in events_of(record, numbers):
@@ -211,12 +221,12 @@ def events_of(record: Record, numbers: dict[str, int]) -> Iterator[tuple[int, Ev
     if kind == Kind.ANSWER.value:
         yield at_ns, answer_given(decode(read_answer_body(body)[2], Answer), numbers)
     elif kind == Kind.STEP.value:
-        decision, reward, outcome, state, view, elapsed_at_ns = _read(
-            kind, body, tuple[Count, Finite, str, StateKey, View, Nanoseconds | None]
+        decision, reward, outcome, state, view, elapsed_at_ns, distance = _read(
+            kind, body, tuple[Count, Finite, str, StateKey, View, Nanoseconds | None, Distance]
         )
         if elapsed_at_ns is not None:
             yield elapsed_at_ns, WindowElapsed()
-        yield at_ns, StepTaken(decision, reward, Outcome(outcome), state, view)
+        yield at_ns, StepTaken(decision, reward, Outcome(outcome), state, view, distance)
     elif kind == Kind.ELAPSED.value:
         yield at_ns, WindowElapsed()
     elif kind not in _NO_EVENT:

@@ -16,6 +16,8 @@ Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,47}\Z")]
 ActionName = Annotated[str, Meta(pattern=r"^[A-Z][A-Z0-9_]{0,31}\Z")]
 Id = Annotated[bytes, Meta(min_length=16, max_length=16)]
 Check = Annotated[bytes, Meta(min_length=8, max_length=8)]
+ParameterName = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]{0,31}\Z")]
+ParameterWord = Annotated[str, Meta(max_length=32)]
 StateKey = Annotated[bytes, Meta(max_length=32)]
 Count = Annotated[int, Meta(ge=0, le=2**53 - 1)]
 Nanoseconds = Annotated[int, Meta(ge=0, le=2**63 - 1)]
@@ -264,8 +266,8 @@ class CreateSession(Wire, frozen=True, kw_only=True, tag="create-session"):
     session: Name
     world: World
     method: Name = "sfid"
-    alpha: Finite = 0.1
-    gamma: Finite = 0.9
+    parameters: Annotated[dict[ParameterName, Finite | ParameterWord], Meta(max_length=32)] = {}
+    """Parameters of the method that differ from its defaults: numbers, or words of a choice."""
     episodes: Annotated[int, Meta(ge=1, le=1_000_000)] = 30
     seed: Count = 0
     window: WindowSpec
@@ -375,3 +377,5 @@ class Executed(Wire, frozen=True, kw_only=True, tag="executed"):
     outcome: OutcomeName
     state: StateKey
     view: View
+    optimal_steps: Count | None = None
+    """Fewest steps from the new state; null where there is no way or nobody knows."""

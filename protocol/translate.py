@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 
 from protocol import messages as wire
-from sfid_core.learning.method import Parameters
 from sfid_core.session.config import SessionConfig, Window, WindowMode, WorldSpec
 from sfid_core.session.events import AnswerGiven
 from sfid_core.session.measures import EpisodeMeasures, LabelCounts, StepMeasures
@@ -40,7 +39,7 @@ def config_of(message: wire.CreateSession) -> SessionConfig:
         message.session,
         spec,
         message.method,
-        Parameters(message.alpha, message.gamma),
+        message.parameters,
         message.episodes,
         message.seed,
         window_of(message.window),
@@ -104,7 +103,7 @@ def _posterior(posterior: Mapping[str, float], numbers: Mapping[str, int]) -> tu
 def decision_message(session: Session, actions: Sequence[str], sequence: int, at_ns: int) -> wire.Decision:
     """Return the decision as it stands, for everyone who watches or teaches."""
     judging = session.transition
-    asks = session.method.asks
+    asks = session.asks
     deadline_ns = session.deadline_ns
     names = sorted(session.teachers)
     return wire.Decision(
@@ -154,10 +153,10 @@ def step_message(step: StepMeasures, session: Session, actions: Sequence[str], a
         action=actions[step.action],
         said=said,
         label=None if step.label is None else actions[step.label],
-        h=step.h,
+        h=step.learned.h,
         reward=step.reward,
-        td_error=step.errors.environment,
-        td_error_shaped=step.errors.shaped,
+        td_error=step.learned.environment,
+        td_error_shaped=step.learned.shaped,
         outcome=step.outcome.value,
         next_view=step.next_view,
         values=step.values,

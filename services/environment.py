@@ -147,6 +147,7 @@ class Environment:
             outcome=done.outcome.value,
             state=running.state,
             view=done.board.to_xsb(),
+            optimal_steps=world.optimal_steps(done.board),
         )
         return running.answered
 

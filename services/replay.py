@@ -38,6 +38,6 @@ def _replayed(name: str, records: list[Record]) -> Replayed | None:
     folded = fold(records)
     if folded is None:
         return None
-    table = folded.session.method.table
     episodes = len(folded.session.episodes)
-    return Replayed(name, table.sha256(), not folded.mismatches, folded.digests, folded.events, episodes)
+    digest = folded.session.learner.sha256()
+    return Replayed(name, digest, not folded.mismatches, folded.digests, folded.events, episodes)

@@ -9,14 +9,14 @@ from typer.exceptions import TyperException
 
 from protocol.codec import DecodeError
 from protocol.keys import KeyNameError
-from services.cli import demo, journal, levels, serve, session, teach, up
+from services.cli import demo, gateway, journal, levels, serve, session, teach, up
 from services.cli.failure import BAD_USAGE, CommandError
 from services.client import TeachingError
 from services.router import RouterError
 from services.runtime.bus import BusError
 from services.runtime.journal import JournalError
 from services.supervisor import SupervisorError
-from sfid_core.learning.method import ParameterError
+from sfid_core.learning.parameters import ParameterError
 from sfid_core.sokoban.levels import LevelError
 from sfid_core.sokoban.starts import WorldError
 
@@ -33,7 +33,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-for group in (demo, up, serve, teach, session, journal, levels):
+for group in (demo, up, serve, gateway, teach, session, journal, levels):
     group.add_to(app)
 
 

@@ -7,7 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
+from services.cli.failure import CommandError
 from services.runtime.zenoh_config import DEFAULT_ENDPOINT
+from sfid_core.learning.methods import METHODS
+from sfid_core.learning.parameters import Value
 
 Connect = Annotated[str, typer.Option(help="Endpoint of the router, tcp/HOST:PORT.", show_default=True)]
 Deployment = Annotated[str, typer.Option(help="Name of the deployment; two on one router never meet.")]
@@ -15,7 +18,11 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on s
 SupervisedFd = Annotated[int | None, typer.Option(hidden=True, help="The line to a supervisor.")]
 Verbose = Annotated[bool, typer.Option(help="Log more.")]
 Data = Annotated[Path, typer.Option(help="Directory of the deployment's journal, logs and recordings.")]
-Method = Annotated[str, typer.Option(help="Learning method: sfid, reward or q-learning.")]
+Method = Annotated[str, typer.Option(help=f"Learning method: {', '.join(METHODS)}.")]
+Parameter = Annotated[
+    list[str] | None,
+    typer.Option("--parameter", "-p", help="A parameter of the method, NAME=VALUE; may be repeated."),
+]
 Level = Annotated[
     str, typer.Option(help="A packaged level's name, or FILE[:N]: the level N (from 0) of an XSB file.")
 ]
@@ -32,6 +39,21 @@ ENDPOINT = DEFAULT_ENDPOINT
 CONNECT_TIMEOUT_MS = 5_000
 SERVICE_CONNECT_TIMEOUT_MS = 30_000
 """Services wait longer for their router than people do: in a container they start side by side."""
+
+
+def given_parameters(written: list[str] | None) -> dict[str, Value]:
+    """Return parameters by name from NAME=VALUE texts; a value that is a number becomes one."""
+    given: dict[str, Value] = {}
+    for text in written or ():
+        name, equals, value = text.partition("=")
+        if not equals:
+            message = f"parameter {text!r} has no value: write NAME=VALUE, for example alpha=0.2"
+            raise CommandError(message)
+        try:
+            given[name.strip()] = float(value)
+        except ValueError:
+            given[name.strip()] = value.strip()
+    return given
 
 
 def print_json(document: Any) -> None:  # noqa: ANN401 - any JSON value

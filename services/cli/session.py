@@ -22,14 +22,17 @@ from services.cli.options import (
     Json,
     Level,
     Method,
+    Parameter,
     Seed,
     Starts,
+    given_parameters,
     print_json,
 )
 from services.cli.tables import labels_line, print_episodes, report_document
 from services.operator import Operator, OperatorError
 from services.runtime.zenoh_bus import open_bus
 from sfid_core.learning.methods import METHODS
+from sfid_core.learning.parameters import Value
 from sfid_core.session.config import WindowMode
 from sfid_core.sokoban.starts import Starts as StartsSpec
 
@@ -54,8 +57,7 @@ def session_config(  # noqa: PLR0917 - one argument a flag
     seed: int,
     window: WindowSpec,
     teachers_min: int,
-    alpha: float = 0.1,
-    gamma: float = 0.9,
+    parameters: dict[str, Value] | None = None,
 ) -> CreateSession:
     """Return a checked configuration; raise with one line and the mend when a value makes no sense."""
     try:
@@ -75,8 +77,7 @@ def session_config(  # noqa: PLR0917 - one argument a flag
         session=name,
         world=world,
         method=method,
-        alpha=alpha,
-        gamma=gamma,
+        parameters=parameters or {},
         episodes=episodes,
         seed=seed,
         window=window,
@@ -128,14 +129,14 @@ def create(  # noqa: PLR0917 - one argument a flag
     window_ms: Annotated[int, typer.Option(help="Window for an answer in ms, 1 to 3,600,000.")] = 5_000,
     quorum: Annotated[int, typer.Option(help="Answers that close the window; 0: everyone present.")] = 0,
     teachers_min: Annotated[int, typer.Option(help="Teachers who must join before the first decision.")] = 1,
-    alpha: Annotated[float, typer.Option(help="Step size of Q-learning, in (0, 1].")] = 0.1,
-    gamma: Annotated[float, typer.Option(help="Discount factor, in [0, 1).")] = 0.9,
+    parameter: Parameter = None,
     connect: Connect = ENDPOINT,
     deployment: Deployment = "local",
 ) -> None:
     """Create a session; it begins when enough teachers have joined."""
     window = window_spec(window_mode, window_ms, quorum)
-    config = session_config(name, level, method, episodes, starts, seed, window, teachers_min, alpha, gamma)
+    given = given_parameters(parameter)
+    config = session_config(name, level, method, episodes, starts, seed, window, teachers_min, given)
     with operator(connect, deployment) as asked:
         asked.create(config)
     print(f"session {name} created: `sfid teach keyboard --session {name}` teaches it")

@@ -18,6 +18,8 @@ from services.cli.options import (
 )
 from services.cli.waiting import service_bus
 from services.runtime.process import ProcessConfig, ServiceProcess
+from sfid_core.learning.parameters import parameters_of
+from sfid_core.teaching.kernels import TeacherParameters
 
 teach_app = typer.Typer(
     help="Teach a session, in person or by script.", no_args_is_help=True, rich_markup_mode=None
@@ -57,10 +59,12 @@ def scripted(  # noqa: PLR0917 - one argument a flag
     from services.teachers.scripted import ScriptedConfig, run
 
     keys = _names(session, name, deployment)
+    given = {"label_error": error_rate, "reward_error": error_rate, "silence": silence_rate}
+    faults = parameters_of(TeacherParameters, given, f"teacher {name}")
     process = ServiceProcess(ProcessConfig(f"teacher-{name}", supervised_fd, verbose))
     config = ScriptedConfig(
-        session=session, teacher=name, seed=seed, error_rate=error_rate, silence_rate=silence_rate,
-        delay_ms=delay_ms, deployment=keys.deployment,
+        session=session, teacher=name, seed=seed, parameters=faults, delay_ms=delay_ms,
+        deployment=keys.deployment,
     )  # fmt: skip
     bus = service_bus(connect, process.stop)
     try:

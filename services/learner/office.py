@@ -18,7 +18,7 @@ from protocol.messages import (
 )
 from protocol.translate import TEACHERS_NAMED_MAX, episode_message, label_totals
 from services.learner.live import created
-from sfid_core.learning.method import ParameterError
+from sfid_core.learning.parameters import ParameterError
 from sfid_core.session.events import Restarted
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ class Office:
             epoch=session.epoch,
             labels=label_totals(session.counts),
             teaching_ns=session.teaching_ns,
-            q_sha256=session.method.table.sha256(),
+            q_sha256=session.learner.sha256(),
             malformed=dict(list(malformed.items())[:SENDERS_A_REPORT]),
             failure=live.failure,
             first_episode=first,

@@ -23,7 +23,7 @@ from services.runtime.bus import Bus, Presence, Request
 from services.runtime.clock import Clock
 from services.runtime.journal.errors import JournalError, JournalFenced
 from services.runtime.journal.shard import Shard
-from sfid_core.learning.method import ParameterError
+from sfid_core.learning.parameters import ParameterError
 from sfid_core.session.effects import (
     Announce,
     BeginEpisode,
@@ -295,7 +295,7 @@ class Learner:
         """Journal the SHA-256 of the table as it stands."""
         self.journal_elapsed(live)
         self.append(
-            live, Kind.DIGEST, digest_body(live.session, live.session.method.table.sha256()), self.at_ns()
+            live, Kind.DIGEST, digest_body(live.session, live.session.learner.sha256()), self.at_ns()
         )
 
     # ------------------------------------------------------------ presence

@@ -113,9 +113,11 @@ class WorldDesk:
         elif live.session.phase is Phase.EXECUTING:
             live.actions_taken.append(live.actions[live.session.action])
             outcome = Outcome(message.outcome)
-            self._learner.happen(
-                live, StepTaken(message.decision, message.reward, outcome, message.state, message.view)
+            distance = -1 if message.optimal_steps is None else message.optimal_steps
+            taken = StepTaken(
+                message.decision, message.reward, outcome, message.state, message.view, distance
             )
+            self._learner.happen(live, taken)
 
     def _begun(self, live: LiveSession, begun: Begun) -> None:
         session = live.session

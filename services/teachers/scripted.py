@@ -26,6 +26,7 @@ from services.runtime.clock import Clock, SystemClock
 from sfid_core.sokoban.levels import LevelError, parse_levels
 from sfid_core.sokoban.solver import Solution, solve
 from sfid_core.sokoban.tables import TooManyStates
+from sfid_core.teaching.kernels import TeacherParameters
 from sfid_core.teaching.simulated import SimulatedTeacher
 
 log = logging.getLogger("sfid.teacher")
@@ -47,10 +48,8 @@ class ScriptedConfig:
     session: str
     teacher: str = "scripted"
     seed: int = 0
-    error_rate: float = 0.0
-    """Probability in [0, 1] of naming a wrong action, or of praising what deserves blame."""
-    silence_rate: float = 0.0
-    """Probability in [0, 1] of having nothing to say: sent as an abstention, so that a quorum closes."""
+    parameters: TeacherParameters = TeacherParameters()  # noqa: RUF009 - an immutable named tuple
+    """Faults of the teacher; silence is sent as an abstention, so that a quorum closes."""
     delay_ms: int = 0
     """Thinking time before each answer."""
     deployment: str = "local"
@@ -75,9 +74,7 @@ class Script:
     """
 
     def __init__(self, config: ScriptedConfig, has_answered: Callable[[Decision], bool]) -> None:
-        self._teacher = SimulatedTeacher(
-            config.seed, config.teacher, config.session, config.error_rate, config.silence_rate
-        )
+        self._teacher = SimulatedTeacher(config.seed, config.teacher, config.session, config.parameters)
         self._delay_ns = config.delay_ms * 1_000_000
         self._has_answered = has_answered
         self._optimal = lru_cache(VIEWS_KEPT)(_Solver().optimal)
@@ -123,7 +120,7 @@ class Script:
         if decision.asked == "reward" and decision.action and self._before and self._before[0] == number:
             optimal = self._indexes(self._before[1], names)
             action = names.index(decision.action)
-            return Said(decision, reward=self._teacher.reward(number, decision.state, action, optimal))
+            return Said(decision, reward=self._teacher.reward(number, action, optimal))
         return Said(decision)
 
     def _indexes(self, view: str, names: tuple[str, ...]) -> tuple[int, ...]:

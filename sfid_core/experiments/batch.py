@@ -1,45 +1,64 @@
-"""A session as a plain loop: no window, no events, no wire, and the same table as the live session.
+"""Sessions as batch runs: no window, no events, no wire, and the same bits as live sessions.
 
-The loop shares the method, the world and the teachers with a live session and nothing of the session
+The lane kernel shares the method, the world and the teachers with a live session and nothing of the session
 machine, so that equal digests say that the machine adds and drops nothing.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
+from sfid_core.compiled import compiled, compiler_available, linked
+from sfid_core.experiments.lane import (
+    ASK_GUIDANCE,
+    ASK_LABEL,
+    ASK_MISTAKE,
+    ASK_NOTHING,
+    ASK_REWARD,
+    COLUMNS,
+    OUTCOMES,
+    LanePlan,
+    LaneTeacher,
+    LaneWorld,
+    Scratch,
+    greedy_share,
+    run_lane,
+)
+from sfid_core.learning.kernels import Draws, Memory
+from sfid_core.learning.learner import learner_draws, table_sha256
 from sfid_core.learning.method import Method
-from sfid_core.learning.methods import make_method
+from sfid_core.learning.methods import method_named
 from sfid_core.outcome import Outcome
 from sfid_core.session.config import SessionConfig
-from sfid_core.session.measures import EpisodeMeasures, EpisodeTally, LabelCounts
+from sfid_core.session.measures import EpisodeMeasures, LabelCounts
 from sfid_core.sokoban.actions import ACTIONS
-from sfid_core.sokoban.board import Board
+from sfid_core.sokoban.live import WorldTables, tabulate
 from sfid_core.sokoban.world import World, WorldConfig, make_world
-from sfid_core.teaching.answers import Answer, AnswerKind
-from sfid_core.teaching.simulated import SimulatedTeacher
+from sfid_core.teaching.answers import AnswerKind
+from sfid_core.teaching.kernels import TEACHER_SCALARS, TeacherMemory, TeacherParameters
+from sfid_core.teaching.simulated import state_word, teacher_key
+
+_ASKS = {
+    None: ASK_NOTHING,
+    AnswerKind.LABEL: ASK_LABEL,
+    AnswerKind.REWARD: ASK_REWARD,
+    AnswerKind.GUIDANCE: ASK_GUIDANCE,
+    AnswerKind.MISTAKE: ASK_MISTAKE,
+}
 
 
 @dataclass(frozen=True, slots=True)
 class BatchResult:
-    """What a batch run comes to."""
+    """What a batch run of one session comes to."""
 
     q_sha256: str
-    """The digest of the table, as `QTable.sha256` gives it."""
+    """The digest of what was learnt, as `Learner.sha256` gives it."""
     episodes: tuple[EpisodeMeasures, ...]
     counts: LabelCounts
-
-
-def run_batch(config: SessionConfig, teachers: Mapping[str, SimulatedTeacher]) -> BatchResult:
-    """Run the session from its first episode to its last and return what was learnt.
-
-    Args: teachers: by the name under which they would join; the window and `teachers_min` of the
-    configuration do not matter here, for nobody is waited for.
-    Raises: ParameterError, LevelError, WorldError.
-    """
-    method = make_method(config.method, len(ACTIONS), config.parameters, config.seed, config.session)
-    run = _Run(config, world_of(config), method, teachers, LabelCounts())
-    episodes = tuple(run.episodes())
-    return BatchResult(method.table.sha256(), episodes, run.counts)
 
 
 def world_of(config: SessionConfig) -> World:
@@ -53,59 +72,176 @@ def world_of(config: SessionConfig) -> World:
     return make_world(spec.level, rules, spec.starts, config.seed)
 
 
-@dataclass(slots=True)
-class _Run:
-    """The loop's variables: `decision` runs over the whole session, as in a live one."""
+class Batch:
+    """Sessions that differ in their seed alone, run one after the other.
 
-    config: SessionConfig
-    world: World
-    method: Method
-    teachers: Mapping[str, SimulatedTeacher]
-    counts: LabelCounts
-    decision: int = 0
+    Args: config: the session; its seed is replaced by those that are run; teachers: by the name under which
+    they would join; fast: compile the kernels (the default where numba is installed).
+    Raises: ParameterError, LevelError, WorldError.
+    """
 
-    def episodes(self) -> Iterator[EpisodeMeasures]:
-        for episode in range(self.config.episodes):
-            yield self._episode(episode)
+    def __init__(
+        self, config: SessionConfig, teachers: Mapping[str, TeacherParameters], *, fast: bool | None = None
+    ) -> None:
+        self._config = config
+        self._names = sorted(teachers)
+        self._fast = compiler_available() if fast is None else fast
+        self._method = method_named(config.method)
+        self._parameters = config.method_parameters
+        self.tables = tabulate(world_of(config))
+        listed = _arrays if self._fast else _lists
+        self._listed = listed
+        self._world = _lane_world(self.tables, config.world.steps_max, fast=self._fast)
+        nobody = [TeacherParameters(silence=1.0)]
+        parameters = [teachers[name] for name in self._names] or nobody
+        self._teachers = tuple(
+            LaneTeacher(one, TeacherMemory(listed([0.0] * TEACHER_SCALARS))) for one in parameters
+        )
+        self._plan = LanePlan(
+            config.episodes,
+            _ASKS[self._method.asks_before],
+            _ASKS[self._method.asks_after],
+            int(self._method.undoes),
+            len(self._names),
+        )
+        self._memory = blank_memory(
+            self._method, self.tables.n_states, len(ACTIONS), config.world.steps_max, listed
+        )
+        blank = [0.0] * len(ACTIONS)
+        self._scratch = Scratch(listed(blank), listed(blank))
+        self._run, self._greedy = _kernels(self._method, fast=self._fast)
 
-    def _episode(self, episode: int) -> EpisodeMeasures:
-        tally = EpisodeTally()
-        board = self.world.begin(episode)
-        optimal_steps = self.world.optimal_steps(board)
-        steps_done = 0
-        while True:
-            state = board.state_key()
-            action = self.method.choose(state, self.decision)
-            taken = self.world.execute(board, ACTIONS[action], steps_done)
-            answers = self._answers(board, state, action)
-            h = self.method.judge(action, answers).h
-            next_state = None if taken.terminal else taken.board.state_key()
-            errors = self.method.learn(state, action, taken.reward, h, next_state)
-            tally.add(taken.reward, h, errors, len(answers), self.config.parameters.gamma)
-            board = taken.board
-            self.decision += 1
-            steps_done += 1
-            if taken.outcome is not Outcome.RUNNING:
-                return tally.measures(episode, optimal_steps, taken.outcome)
+    def run(self, seed: int) -> npt.NDArray[np.float64]:
+        """Run the session of one seed; return float64 [episodes, COLUMNS] (`lane.MEASURES`)."""
+        config = self._config
+        listed = self._listed
+        _clear(self._memory)
+        for teacher in self._teachers:
+            _zero(teacher.memory.scalars)
+        keys = [teacher_key(seed, name, config.session) for name in self._names] or [0]
+        out = listed([0.0] * (config.episodes * COLUMNS))
+        starts = self.tables.draw_starts(seed).starts(config.episodes)
+        self._run(
+            self._world,
+            self._plan,
+            self._memory,
+            self._parameters,
+            _words(learner_draws(seed, config.session), fast=self._fast),
+            self._teachers,
+            np.array(keys, dtype=np.uint64) if self._fast else keys,
+            starts if self._fast else starts.tolist(),
+            self._scratch,
+            self._parameters.gamma,
+            out,
+            0,
+        )
+        return np.asarray(out, dtype=np.float64).reshape(config.episodes, COLUMNS)
 
-    def _answers(self, board: Board, state: bytes, action: int) -> Sequence[Answer]:
-        """Return what the teachers say, by name; a silent teacher gives none."""
-        asks = self.method.asks
-        if asks is None or not self.teachers:
-            return ()
-        optimal = self.world.optimal_actions(board)
-        answers: list[Answer] = []
-        for name in sorted(self.teachers):
-            teacher = self.teachers[name]
-            if asks is AnswerKind.LABEL:
-                label = teacher.label(self.decision, state, optimal)
-                given = None if label is None else Answer(asks, action=label)
-            else:
-                reward = teacher.reward(self.decision, state, action, optimal)
-                given = None if reward is None else Answer(asks, reward=reward)
-            if given is not None:
-                answers.append(given)
-        self.counts.submitted += len(answers)
-        self.counts.acknowledged += len(answers)
-        self.counts.applied += len(answers)
-        return answers
+    def digest(self) -> str:
+        """Return the digest of what the latest session learnt."""
+        numbers = {key: number for number, key in enumerate(self.tables.state_keys)}
+        return table_sha256(numbers, list(self._memory.values), self._memory.width)
+
+    def greedy_share(self, states: Sequence[int], key: int, steps_max: int) -> float:
+        """Return the share of states from which the latest session's policy alone solves the level."""
+        key_word = np.uint64(key) if self._fast else key
+        share: float = self._greedy(
+            self._world, self._memory, self._parameters, self._listed_ints(states), key_word, steps_max
+        )
+        return share
+
+    def _listed_ints(self, numbers: Sequence[int]) -> Any:  # noqa: ANN401 - a list or an array
+        return np.array(numbers, dtype=np.int32) if self._fast else [int(number) for number in numbers]
+
+
+def run_batch(
+    config: SessionConfig, teachers: Mapping[str, TeacherParameters], *, fast: bool | None = None
+) -> BatchResult:
+    """Run the session from its first episode to its last and return what was learnt.
+
+    Args: as of `Batch`; the window and `teachers_min` of the configuration do not matter here, for nobody is
+    waited for.
+    Raises: ParameterError, LevelError, WorldError.
+    """
+    batch = Batch(config, teachers, fast=fast)
+    rows = batch.run(config.seed).tolist()
+    inputs = sum(int(row[5]) for row in rows)
+    counts = LabelCounts(submitted=inputs, acknowledged=inputs, applied=inputs)
+    episodes = tuple(episode_measures(number, row) for number, row in enumerate(rows))
+    return BatchResult(batch.digest(), episodes, counts)
+
+
+def episode_measures(episode: int, row: Sequence[float]) -> EpisodeMeasures:
+    """Return one row of a lane's results as the measures of an episode."""
+    steps, td, td_shaped, total, env_total, inputs, agreements, outcome, optimal, _ = row
+    return EpisodeMeasures(
+        episode,
+        int(steps),
+        int(optimal) if optimal >= 0 else None,
+        td,
+        td_shaped,
+        total,
+        env_total,
+        int(inputs),
+        int(agreements),
+        Outcome(OUTCOMES[int(outcome)]),
+    )
+
+
+def blank_memory(
+    method: Method, states: int, actions: int, steps_max: int, listed: Callable[[list[float]], Any]
+) -> Memory:
+    """Return a learner's memory of a table world before its first step."""
+    return Memory(
+        listed([0.0] * (states * method.width(actions))),
+        listed([0.0] * method.scalars),
+        listed([0.0] * (steps_max * method.trail)),
+        actions,
+        method.width(actions),
+    )
+
+
+@lru_cache(maxsize=64)
+def _kernels(method: Method, *, fast: bool) -> tuple[Callable[..., int], Callable[..., float]]:
+    parts = {"choose": method.choose, "settle": method.settle, "learn": method.learn, "begin": method.begin}
+    if not fast:
+        return linked(run_lane, parts), linked(greedy_share, {"prefer": method.prefer})
+    return (
+        compiled(run_lane, parts, method.name),
+        compiled(greedy_share, {"prefer": method.prefer}, method.name),
+    )
+
+
+def _lane_world(tables: WorldTables, steps_max: int, *, fast: bool) -> LaneWorld:
+    words = [state_word(key) for key in tables.state_keys]
+    words += [0] * (tables.n_states - len(words))
+    columns = (
+        tables.successor.reshape(-1),
+        tables.reward.reshape(-1),
+        tables.outcome,
+        tables.optimal_steps,
+        tables.optimal_mask.astype(np.int64),
+        np.array(words, dtype=np.uint64),
+    )
+    return LaneWorld(*(column if fast else column.tolist() for column in columns), steps_max)
+
+
+def _words(draws: Draws, *, fast: bool) -> Draws:
+    return Draws(*(np.uint64(key) for key in draws)) if fast else draws  # type: ignore[arg-type]
+
+
+def _arrays(numbers: list[float]) -> npt.NDArray[np.float64]:
+    return np.array(numbers, dtype=np.float64)
+
+
+def _lists(numbers: list[float]) -> list[float]:
+    return list(numbers)
+
+
+def _clear(memory: Memory) -> None:
+    for numbers in (memory.values, memory.scalars, memory.trail):
+        _zero(numbers)
+
+
+def _zero(numbers: Any) -> None:  # noqa: ANN401 - a list or an array
+    numbers[:] = 0.0 if isinstance(numbers, np.ndarray) else [0.0] * len(numbers)

@@ -1,57 +1,60 @@
-"""The common interface of all learning methods, and their names."""
+"""The common interface of all methods: a method is its parameters, its kernels and what it asks of teachers."""
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any
 
-from sfid_core.learning.q_learning import TDErrors
-from sfid_core.learning.q_table import QTable
-from sfid_core.teaching.answers import Answer, AnswerKind
+from sfid_core.learning.kernels import (
+    Draws,
+    Evidence,
+    Learned,
+    Memory,
+    Transition,
+    choose_first_block,
+    keep_action,
+    nothing,
+    prefer,
+)
+from sfid_core.teaching.answers import AnswerKind
 
-
-class ParameterError(ValueError):
-    """A parameter is outside its range; the text is one line with the name, the value and the mend."""
-
-
-@dataclass(frozen=True, slots=True)
-class Parameters:
-    """Parameters of the tabular methods; the defaults are those of the founding paper."""
-
-    alpha: float = 0.1
-    """Step size of Q-learning, in (0, 1]."""
-    gamma: float = 0.9
-    """Discount factor, in [0, 1)."""
-
-    def __post_init__(self) -> None:
-        if not 0 < self.alpha <= 1:
-            message = f"alpha {self.alpha} is outside (0, 1]: the founding paper uses 0.1"
-            raise ParameterError(message)
-        if not 0 <= self.gamma < 1:
-            message = f"gamma {self.gamma} is outside [0, 1): the founding paper uses 0.9"
-            raise ParameterError(message)
+Numbers = Any
+"""The method's own NamedTuple of parameters; every one of them has `gamma`."""
 
 
-class Verdict(NamedTuple):
-    """What the teachers' answers to one decision come to."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Method:
+    """One row of the table of methods. All kernels are pure but for the memory, which they may write."""
 
-    h: float
-    """The teachers' part of the reward; 0 is silence."""
-    label: int | None = None
-    """The merged label, where labels were asked."""
+    name: str
+    summary: str
+    """One line: what it is."""
+    source: str
+    """Paper and equation."""
+    parameters: type[Any]
+    """A NamedTuple of Annotated numbers; its defaults are those of the source."""
+    learn: Callable[[Memory, Numbers, Transition, Evidence], Learned]
+    """Learn from one executed step and what the teachers said about it."""
+    choose: Callable[[Memory, Numbers, Draws, int, int], int] = choose_first_block
+    """(.., state, decision) -> the action the agent would take."""
+    settle: Callable[[Memory, Numbers, Draws, int, int, Evidence, int], int] = keep_action
+    """(.., state, action, evidence, decision) -> the action it does take, once teachers have answered."""
+    prefer: Callable[[Memory, Numbers, int, int], float] = prefer
+    """(.., state, action) -> how much the learnt policy prefers an action, the teacher gone."""
+    begin: Callable[[Memory, Numbers, int], None] = nothing
+    """(.., episode) -> anneal, forget traces."""
+    asks_before: AnswerKind | None = None
+    """What teachers are asked in the frozen state before the action: LABEL or GUIDANCE."""
+    asks_after: AnswerKind | None = None
+    """What teachers are asked after they saw the action: REWARD or MISTAKE."""
+    undoes: bool = False
+    """Whether a step that a teacher blames is taken back by the environment, where it can be."""
+    blocks: int = 1
+    """Numbers a state and action."""
+    scalars: int = 0
+    """Numbers of `Memory.scalars`."""
+    trail: int = 0
+    """Numbers a step in `Memory.trail`; 0 for a method that looks at one step alone."""
 
-
-class Method(Protocol):
-    """A learner behind the switch: what it asks, how it acts, what it makes of answers, how it learns."""
-
-    asks: AnswerKind | None
-    """What teachers are asked: LABEL before the action, REWARD after it, None for nothing."""
-    table: QTable
-
-    def choose(self, state: bytes, counter: int) -> int:
-        """Return the action for `state`; `counter` is the decision's number and names every draw."""
-
-    def judge(self, action: int, answers: Iterable[Answer]) -> Verdict:
-        """Return what the answers to a decision come to for the action that the agent takes."""
-
-    def learn(self, state: bytes, action: int, reward: float, h: float, next_state: bytes | None) -> TDErrors:
-        """Update from one transition; `next_state` is None where it is terminal."""
+    def width(self, actions: int) -> int:
+        """Return the numbers a state takes."""
+        return self.blocks * actions + 1

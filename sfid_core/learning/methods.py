@@ -1,20 +1,28 @@
 """The switch: methods by name."""
 
-from sfid_core.learning.method import Method, ParameterError, Parameters
-from sfid_core.learning.q_learner import QLearner
-from sfid_core.learning.reward import RewardShaping
-from sfid_core.learning.sfid import SfID
+from collections.abc import Mapping
+from typing import Any
 
-METHODS: dict[str, type[QLearner]] = {"sfid": SfID, "reward": RewardShaping, "q-learning": QLearner}
+from sfid_core.learning.method import Method
+from sfid_core.learning.parameters import ParameterError, Value, parameters_of
+from sfid_core.learning.q_learning import Q_LEARNING
+from sfid_core.learning.reward import REWARD
+from sfid_core.learning.sfid import SFID
+
+METHODS: dict[str, Method] = {method.name: method for method in (SFID, REWARD, Q_LEARNING)}
 
 
-def make_method(name: str, actions: int, parameters: Parameters, seed: int, session: str) -> Method:
-    """Return the named method with an empty table.
-
-    Args: actions: number of actions; seed, session: name the stream of its draws.
-    Raises: ParameterError for a name that is not a method.
-    """
+def method_named(name: str) -> Method:
+    """Return the named method; ParameterError for a name that is not one."""
     if name not in METHODS:
         message = f"unknown method {name!r}: choose one of {', '.join(METHODS)}"
         raise ParameterError(message)
-    return METHODS[name](actions, parameters, seed, session)
+    return METHODS[name]
+
+
+def method_parameters(name: str, given: Mapping[str, Value]) -> Any:  # noqa: ANN401 - each method has its own
+    """Return the named method's parameters with the given ones in place of its defaults.
+
+    Raises: ParameterError for an unknown method, an unknown parameter or a value out of range.
+    """
+    return parameters_of(method_named(name).parameters, given, f"method {name}")

@@ -1,18 +1,23 @@
 """`reward`: interactive reward shaping, Algorithm 1 of Raza, Johnston & Williams 2016."""
 
-from collections.abc import Iterable
+from sfid_core.compiled import kernel
+from sfid_core.learning.kernels import Evidence, Learned, Memory, Transition, one_step
+from sfid_core.learning.method import Method
+from sfid_core.learning.q_learning import QLearningParameters
+from sfid_core.teaching.answers import AnswerKind
 
-from sfid_core.learning.method import Verdict
-from sfid_core.learning.q_learner import QLearner
-from sfid_core.teaching.answers import Answer, AnswerKind
-from sfid_core.teaching.merge import merge_rewards
+
+@kernel
+def learn(m: Memory, p: QLearningParameters, t: Transition, e: Evidence) -> Learned:
+    """Move Q(s, a) by the TD error of r + h, h being what the teacher gave for the action (Eq. 4)."""
+    return one_step(m, p.alpha, p.gamma, t, e.reward)
 
 
-class RewardShaping(QLearner):
-    """Act, let the teacher judge what was seen, learn from r + h."""
-
-    asks = AnswerKind.REWARD
-
-    def judge(self, action: int, answers: Iterable[Answer]) -> Verdict:  # noqa: ARG002 - the reward judges it already
-        """Return the merged reward as h; silence is 0."""
-        return Verdict(merge_rewards(answers) or 0.0)
+REWARD = Method(
+    name="reward",
+    summary="interactive reward shaping: the teacher judges the action that was seen",
+    source="Raza, Johnston & Williams 2016, Algorithm 1",
+    parameters=QLearningParameters,
+    learn=learn,
+    asks_after=AnswerKind.REWARD,
+)

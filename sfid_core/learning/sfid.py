@@ -1,26 +1,52 @@
 """`sfid`: Shaping from Interactive Demonstrations, Algorithm 2 of Raza, Johnston & Williams 2016."""
 
-from collections.abc import Iterable
+from typing import Annotated, NamedTuple
 
-from sfid_core.learning.method import Verdict
-from sfid_core.learning.q_learner import QLearner
-from sfid_core.teaching.answers import Answer, AnswerKind
-from sfid_core.teaching.merge import merge_labels
-
-
-def omega(label: int | None, action: int) -> float:
-    """Return the paper's Omega: +1 where the label names the action, -1 where another, 0 for silence."""
-    if label is None:
-        return 0.0
-    return 1.0 if label == action else -1.0
+from sfid_core.compiled import kernel
+from sfid_core.learning.kernels import Evidence, Learned, Memory, Transition, one_step
+from sfid_core.learning.method import Method
+from sfid_core.learning.parameters import ALPHA, GAMMA, Choice
+from sfid_core.teaching.answers import AnswerKind
 
 
-class SfID(QLearner):
-    """Ask for the teacher's action in the frozen state, act as chosen regardless, learn from r + Omega."""
+class SfIDParameters(NamedTuple):
+    """Parameters of SfID; the defaults are the founding paper's."""
 
-    asks = AnswerKind.LABEL
+    alpha: Annotated[float, ALPHA] = 0.1
+    """Step size."""
+    gamma: Annotated[float, GAMMA] = 0.9
+    """Discount factor."""
+    omega: Annotated[int, Choice(("graded", "centred", "penalty"))] = 0
+    """Agreement: see `omega`."""
 
-    def judge(self, action: int, answers: Iterable[Answer]) -> Verdict:
-        """Return Omega of the merged label."""
-        label = merge_labels(answers)
-        return Verdict(omega(label, action), label)
+
+@kernel
+def omega(form: int, belief: float, actions: int) -> float:
+    """Return the agreement with an action that is the teacher's with probability `belief`.
+
+    graded (0): 2 q - 1, which is the paper's Omega of +1 and -1 for a direct label, and its expectation for
+    an aggregate. centred (1): (K q - 1) / (K - 1), 0 at total disagreement of K actions. penalty (2): q - 1,
+    never above 0, so that no circuit of rewards can pay (ours).
+    """
+    if form == 0:
+        return 2.0 * belief - 1.0
+    if form == 1:
+        return (actions * belief - 1.0) / (actions - 1.0)
+    return belief - 1.0
+
+
+@kernel
+def learn(m: Memory, p: SfIDParameters, t: Transition, e: Evidence) -> Learned:
+    """Move Q(s, a) by the TD error of r + Omega(a_b, a); silence is h = 0 (Eq. 4)."""
+    h = omega(p.omega, e.belief[t.action], m.actions) if e.given else 0.0
+    return one_step(m, p.alpha, p.gamma, t, h)
+
+
+SFID = Method(
+    name="sfid",
+    summary="Shaping from Interactive Demonstrations: agreement with the teacher's action is the reward",
+    source="Raza, Johnston & Williams 2016, Algorithm 2",
+    parameters=SfIDParameters,
+    learn=learn,
+    asks_before=AnswerKind.LABEL,
+)

@@ -1,9 +1,12 @@
 """What a session is told at its creation; all of it is journaled before the first decision."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Any
 
-from sfid_core.learning.method import ParameterError, Parameters
+from sfid_core.learning.methods import method_parameters
+from sfid_core.learning.parameters import ParameterError, Value
 
 SPAN_MS_MAX = 3_600_000
 """An hour: longer than any person looks at one decision, short enough that a deadline stays a deadline."""
@@ -65,7 +68,8 @@ class SessionConfig:
     session: str
     world: WorldSpec
     method: str = "sfid"
-    parameters: Parameters = field(default_factory=Parameters)
+    parameters: Mapping[str, Value] = field(default_factory=dict)
+    """Parameters of the method that differ from its defaults."""
     episodes: int = 30
     """Number of episodes; the founding paper has 30."""
     seed: int = 0
@@ -74,9 +78,15 @@ class SessionConfig:
     """Teachers who must have joined before the first decision; 0 lets the agent start alone."""
 
     def __post_init__(self) -> None:
+        method_parameters(self.method, self.parameters)
         if not 1 <= self.episodes <= EPISODES_MAX:
             message = f"episodes {self.episodes} is outside 1 to {EPISODES_MAX}: the founding paper has 30"
             raise ParameterError(message)
         if self.teachers_min < 0:
             message = f"teachers_min {self.teachers_min} is negative: use 0 to start without teachers"
             raise ParameterError(message)
+
+    @property
+    def method_parameters(self) -> Any:  # noqa: ANN401 - each method has its own
+        """Return all parameters of the method, as its kernels read them."""
+        return method_parameters(self.method, self.parameters)

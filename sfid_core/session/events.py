@@ -61,6 +61,8 @@ class StepTaken(NamedTuple):
     outcome: Outcome
     state: bytes
     view: str
+    distance: int = -1
+    """Fewest steps from the new state to solved; -1 where there is no way or nobody knows."""
 
 
 @dataclass(frozen=True, slots=True)

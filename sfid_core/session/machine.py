@@ -6,9 +6,10 @@ event, and draws are named by the decision, so a journal of (at_ns, event) repla
 machine.
 
     GATHERING --enough teachers--> BEGINNING --episode began--> decision opens
-    labels:   ASKING --quorum, or deadline--> EXECUTING --step taken--> learn
-    rewards:  EXECUTING --step taken--> ASKING --quorum, or deadline--> learn
-    nothing:  EXECUTING --step taken--> learn
+    asked before the action (labels):  ASKING --quorum, or deadline--> EXECUTING --step taken--> learn
+    asked after it (rewards):          EXECUTING --step taken--> ASKING --quorum, or deadline--> learn
+    both (guidance, then a reward):    ASKING --> EXECUTING --> ASKING --> learn
+    nothing:                           EXECUTING --step taken--> learn
     learn --running--> next decision opens, or READY while paused
     learn --episode over--> BEGINNING, or FINISHED after the last
     any --restarted--> the same phase with a fresh window; any --stopped--> FINISHED
@@ -48,6 +49,7 @@ from sfid_core.session.events import (
 from sfid_core.session.measures import EpisodeTally, StepMeasures
 from sfid_core.session.state import Given, Phase, Session
 from sfid_core.teaching.answers import Answer, AnswerKind
+from sfid_core.teaching.merge import SILENCE, merge
 
 Effects = tuple[Effect, ...]
 
@@ -100,7 +102,9 @@ def _began(session: Session, at_ns: int, event: EpisodeBegan) -> Effects:
     if session.phase is not Phase.BEGINNING or event.episode != session.episode:
         return (Ignored("no episode was to begin"),)
     session.state, session.view, session.optimal_steps = event.state, event.view, event.optimal_steps
+    session.distance = -1 if event.optimal_steps is None else event.optimal_steps
     session.step, session.tally = 0, EpisodeTally()
+    session.learner.begin(session.episode)
     return _open(session, at_ns)
 
 
@@ -109,14 +113,19 @@ def _open(session: Session, at_ns: int) -> Effects:
     if session.paused:
         session.phase = Phase.READY
         return (Announce(),)
-    session.action = session.method.choose(session.state, session.decision)
+    session.action = session.learner.choose(session.state, session.decision)
     session.opened_at_ns = at_ns
-    session.answers.clear()
-    session.verdict = session.transition = None
-    if session.method.asks is AnswerKind.LABEL:
+    _forget_answers(session)
+    if session.learner.method.asks_before is not None:
         return _ask(session, at_ns)
     session.phase = Phase.EXECUTING
     return Announce(), Execute(session.decision, session.action)
+
+
+def _forget_answers(session: Session) -> None:
+    session.answers.clear()
+    session.given = ()
+    session.evidence = session.transition = None
 
 
 def _ask(session: Session, at_ns: int) -> Effects:
@@ -146,14 +155,14 @@ def _answer(session: Session, at_ns: int, event: AnswerGiven) -> Effects:
         session.counts.rejected += counted
         return (Acknowledge(event.answer_id, AnswerCode.REJECTED, reason),)
     session.counts.acknowledged += counted
-    if session.phase is not Phase.ASKING or event.decision != session.decision:
+    if not _is_open_to(session, event):
         return (Acknowledge(event.answer_id, _too_late(session, at_ns, event, counted=counted)),)
     before = session.answers.get(event.teacher)
     if before is not None and before.answer.kind is not AnswerKind.ABSTAIN:
         session.counts.pending -= 1
         session.counts.superseded += 1
     session.counts.pending += counted
-    session.answers[event.teacher] = Given(event.answer_id, event.answer)
+    session.answers[event.teacher] = Given(event.answer_id, event.answer, at_ns)
     return (Acknowledge(event.answer_id, AnswerCode.ACCEPTED), *_close_if_answered(session, at_ns))
 
 
@@ -162,14 +171,23 @@ def _why_rejected(session: Session, event: AnswerGiven) -> str:
     if event.teacher not in session.teachers:
         return "join the session before you answer"
     kind = event.answer.kind
-    if kind is not AnswerKind.ABSTAIN and kind is not session.method.asks:
-        asked = session.method.asks.value if session.method.asks else "nothing"
+    method = session.learner.method
+    if kind not in {AnswerKind.ABSTAIN, method.asks_before, method.asks_after}:
+        asked = session.asks.value if session.asks else "nothing"
         return f"this session asks for {asked}, not {kind.value}"
-    if event.decision > session.decision or (event.decision == session.decision and _is_unasked(session)):
+    if event.decision > session.decision or (
+        event.decision == session.decision and _is_unasked(session, kind)
+    ):
         return "that decision is not open yet"
     if event.decision == session.decision and session.phase is Phase.ASKING:
         return _why_another(session, event)
     return ""
+
+
+def _is_open_to(session: Session, event: AnswerGiven) -> bool:
+    if session.phase is not Phase.ASKING or event.decision != session.decision:
+        return False
+    return event.answer.kind in {session.asks, AnswerKind.ABSTAIN}
 
 
 def _why_another(session: Session, event: AnswerGiven) -> str:
@@ -180,11 +198,14 @@ def _why_another(session: Session, event: AnswerGiven) -> str:
     return "" if judged in {None, session.action} else "that decision led to another action"
 
 
-def _is_unasked(session: Session) -> bool:
-    """Tell whether the decision that comes next, or is being executed, is still to be asked about."""
-    if session.phase is Phase.EXECUTING:
-        return session.method.asks is not AnswerKind.LABEL
-    return session.phase in _BEFORE_A_DECISION
+def _is_unasked(session: Session, kind: AnswerKind) -> bool:
+    """Tell whether the running decision, or the one that comes next, is still to be asked about."""
+    if session.phase in _BEFORE_A_DECISION:
+        return True
+    asked_before = session.learner.method.asks_before
+    if asked_before is None:
+        return session.phase is Phase.EXECUTING
+    return session.transition is None and kind not in {asked_before, AnswerKind.ABSTAIN}
 
 
 _BEFORE_A_DECISION = (Phase.GATHERING, Phase.BEGINNING, Phase.READY)
@@ -216,12 +237,20 @@ def _elapsed(session: Session, at_ns: int, _event: WindowElapsed) -> Effects:
 
 
 def _close(session: Session, at_ns: int) -> Effects:
-    """Close the window: judge the answers, then act (labels) or learn (rewards)."""
+    """Close the window: merge the answers, then act (asked before the action) or learn (asked after it)."""
     session.deadline_ns = None
-    inputs = [session.answers[teacher].answer for teacher in sorted(session.answers)]
-    session.verdict = session.method.judge(session.action, inputs)
+    learner, before = session.learner, session.evidence
+    said = tuple((teacher, session.answers[teacher].answer) for teacher in sorted(session.answers))
+    first_ns = min((given.at_ns for given in session.answers.values()), default=session.asked_at_ns)
+    delay_ms = (first_ns - session.asked_at_ns) / 1e6
+    evidence = merge([answer for _, answer in said], learner.memory.actions, delay_ms)
+    session.given += said
     if session.transition is not None:
+        guided = before is not None and before.given
+        session.evidence = evidence._replace(guidance=before.guidance) if guided and before else evidence
         return _learn(session, at_ns, session.transition)
+    session.evidence = evidence
+    session.action = learner.settle(session.state, session.action, evidence, session.decision)
     session.phase = Phase.EXECUTING
     return (Execute(session.decision, session.action),)
 
@@ -233,22 +262,31 @@ def _labels(answers: Iterable[Answer]) -> int:
 def _taken(session: Session, at_ns: int, event: StepTaken) -> Effects:
     if session.phase is not Phase.EXECUTING or event.decision != session.decision:
         return (Ignored("no such step was to be taken"),)
-    if session.method.asks is AnswerKind.REWARD:
+    if session.learner.method.asks_after is not None:
         session.transition = event
+        session.answers.clear()
         return _ask(session, at_ns)
     return _learn(session, at_ns, event)
 
 
 def _learn(session: Session, at_ns: int, taken: StepTaken) -> Effects:
     """Update from the transition and go on to the next decision, episode or the end."""
-    verdict = session.verdict or session.method.judge(session.action, ())
-    next_state = None if taken.outcome.terminal else taken.state
-    errors = session.method.learn(session.state, session.action, taken.reward, verdict.h, next_state)
-    answers = tuple((teacher, session.answers[teacher].answer) for teacher in sorted(session.answers))
-    inputs = _labels(answer for _, answer in answers)
+    evidence = session.evidence or SILENCE
+    learned = session.learner.learn(
+        session.state,
+        session.action,
+        taken.reward,
+        evidence,
+        taken.state,
+        terminal=taken.outcome.terminal,
+        step=session.step,
+        distances=(session.distance, taken.distance),
+        span_ms=(at_ns - session.asked_at_ns) / 1e6,
+    )
+    inputs = _labels(answer for _, answer in session.given)
     session.counts.pending -= inputs
     session.counts.applied += inputs
-    session.tally.add(taken.reward, verdict.h, errors, inputs, session.config.parameters.gamma)
+    session.tally.add(taken.reward, learned, inputs, session.gamma)
     session.teaching_ns += max(0, at_ns - session.opened_at_ns)
     measures = StepMeasures(
         session.decision,
@@ -257,20 +295,18 @@ def _learn(session: Session, at_ns: int, taken: StepTaken) -> Effects:
         session.state,
         session.view,
         session.action,
-        answers,
-        verdict.label,
-        verdict.h,
+        session.given,
+        None if evidence.label < 0 else evidence.label,
         taken.reward,
-        errors,
+        learned,
         taken.outcome,
         taken.view,
-        tuple(session.method.table.values(session.state)),
+        session.learner.values(session.state),
     )
     session.decision += 1
     session.step += 1
-    session.state, session.view = taken.state, taken.view
-    session.answers.clear()
-    session.verdict = session.transition = None
+    session.state, session.view, session.distance = taken.state, taken.view, taken.distance
+    _forget_answers(session)
     if taken.outcome is Outcome.RUNNING:
         return (StepDone(measures), *_open(session, at_ns))
     return (StepDone(measures), *_end_episode(session, taken))

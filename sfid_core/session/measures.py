@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from sfid_core.learning.q_learning import TDErrors
+from sfid_core.learning.kernels import Learned
 from sfid_core.outcome import Outcome
 from sfid_core.teaching.answers import Answer
 
@@ -20,9 +20,8 @@ class StepMeasures(NamedTuple):
     answers: tuple[tuple[str, Answer], ...]
     """(teacher, answer) by teacher."""
     label: int | None
-    h: float
     reward: float
-    errors: TDErrors
+    learned: Learned
     outcome: Outcome
     next_view: str
     values: tuple[float, ...]
@@ -70,14 +69,14 @@ class EpisodeTally:
         self._abs_env = self._abs_shaped = self._return = self._env_return = 0.0
         self._discount = 1.0
 
-    def add(self, reward: float, h: float, errors: TDErrors, inputs: int, gamma: float) -> None:
+    def add(self, reward: float, learned: Learned, inputs: int, gamma: float) -> None:
         """Count one step."""
         self._steps += 1
         self._inputs += inputs
-        self._agreements += h > 0
-        self._abs_env += abs(errors.environment)
-        self._abs_shaped += abs(errors.shaped)
-        self._return += self._discount * (reward + h)
+        self._agreements += learned.h > 0
+        self._abs_env += abs(learned.environment)
+        self._abs_shaped += abs(learned.shaped)
+        self._return += self._discount * (reward + learned.h)
         self._env_return += self._discount * reward
         self._discount *= gamma
 

@@ -3,12 +3,13 @@
 from dataclasses import dataclass, field
 from enum import Enum
 
-from sfid_core.learning.method import Method, Verdict
-from sfid_core.learning.methods import make_method
+from sfid_core.learning.kernels import Evidence
+from sfid_core.learning.learner import Learner, learner_draws
+from sfid_core.learning.methods import method_named
 from sfid_core.session.config import SessionConfig, Window
 from sfid_core.session.events import StepTaken
 from sfid_core.session.measures import EpisodeMeasures, EpisodeTally, LabelCounts
-from sfid_core.teaching.answers import Answer
+from sfid_core.teaching.answers import Answer, AnswerKind
 
 
 class Phase(Enum):
@@ -33,6 +34,7 @@ class Given:
 
     answer_id: bytes
     answer: Answer
+    at_ns: int
 
 
 @dataclass(slots=True)
@@ -40,7 +42,9 @@ class Session:
     """A session between two events. Times are ns on the owner's steady clock."""
 
     config: SessionConfig
-    method: Method
+    learner: Learner
+    gamma: float
+    """Discount factor of the measures."""
     window: Window
     epoch: int = 1
     phase: Phase = Phase.GATHERING
@@ -53,6 +57,9 @@ class Session:
     state: bytes = b""
     view: str = ""
     optimal_steps: int | None = None
+    """Fewest steps from the start of the episode."""
+    distance: int = -1
+    """Fewest steps from the state; -1 where there is no way or nobody knows."""
     action: int = 0
     opened_at_ns: int = 0
     asked_at_ns: int = 0
@@ -62,7 +69,10 @@ class Session:
     """How much of the window had passed when the pause began."""
     answers: dict[str, Given] = field(default_factory=dict)
     """The answers of the open window by teacher; the last one of each counts."""
-    verdict: Verdict | None = None
+    given: tuple[tuple[str, Answer], ...] = ()
+    """(teacher, answer) of the windows of this decision that have closed."""
+    evidence: Evidence | None = None
+    """What the answers of the closed window come to."""
     transition: StepTaken | None = None
     """What the environment answered, while teachers judge it."""
     deadlines_ns: dict[int, int | None] = field(default_factory=dict)
@@ -74,11 +84,26 @@ class Session:
     """Time from the opening of decisions to their update, summed: pauses between decisions and down-time are
     left out."""
 
+    @property
+    def asks(self) -> AnswerKind | None:
+        """What teachers are asked, now or at the next window of this decision."""
+        method = self.learner.method
+        if method.asks_before is None or self.transition is not None:
+            return method.asks_after
+        return method.asks_before
+
 
 def new_session(config: SessionConfig, actions: int = 4) -> Session:
     """Return a session before its first event.
 
     Raises: ParameterError when the method is unknown.
     """
-    method = make_method(config.method, actions, config.parameters, config.seed, config.session)
-    return Session(config, method, config.window)
+    parameters = config.method_parameters
+    learner = Learner(
+        method_named(config.method),
+        parameters,
+        actions,
+        learner_draws(config.seed, config.session),
+        config.world.steps_max,
+    )
+    return Session(config, learner, parameters.gamma, config.window)

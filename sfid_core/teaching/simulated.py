@@ -1,92 +1,77 @@
 """Simulated teachers: an oracle's knowledge with errors and silence, every draw keyed and so repeatable."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
-from sfid_core.chance import below, stream, unit
-from sfid_core.learning.method import ParameterError
+from sfid_core.chance import stream
+from sfid_core.learning.parameters import ParameterError
+from sfid_core.teaching.kernels import (
+    TEACHER_SCALARS,
+    TeacherMemory,
+    TeacherParameters,
+    label_of,
+    preferred_of,
+    reward_of,
+)
+
+
+def teacher_key(seed: int, name: str, session: str) -> int:
+    """Return the key of all that a simulated teacher draws in a session."""
+    return stream(seed, "teacher", name, session)
+
+
+def state_word(state: bytes) -> int:
+    """Return the 64 bits of a state's key that name a teacher's preference in it."""
+    return int.from_bytes(state[:8], "little") ^ int.from_bytes(state[8:16], "little")
 
 
 class SimulatedTeacher:
-    """A teacher who knows the optimal actions, errs at a rate and is silent at a rate.
+    """A teacher who knows the optimal actions and has the faults of `parameters`.
 
-    Silence is drawn first, then error. Every draw is named by (seed, name, session) and the decision, so a
-    teacher says the same in a live session, in a batch run and after a restart, whatever else was asked in
-    between.
+    Every draw is named by (seed, name, session) and the decision, so a teacher says the same in a live
+    session, in a batch run and after a restart, whatever else was asked in between.
 
-    Args: error_rate, silence_rate: probabilities in [0, 1]; actions: number of actions, 1 or more.
-    Raises: ParameterError.
+    Args: actions: number of actions, 1 or more. Raises: ParameterError.
     """
 
     def __init__(
-        self,
-        seed: int,
-        name: str,
-        session: str,
-        error_rate: float = 0.0,
-        silence_rate: float = 0.0,
-        actions: int = 4,
+        self, seed: int, name: str, session: str, parameters: TeacherParameters, actions: int = 4
     ) -> None:
-        _check_rate("error_rate", error_rate)
-        _check_rate("silence_rate", silence_rate)
         if actions < 1:
             raise ParameterError(f"actions {actions} is below 1: a world has at least one action")
         self.name = name
-        self._error_rate = error_rate
-        self._silence_rate = silence_rate
+        self.parameters = parameters
+        self.key = teacher_key(seed, name, session)
         self._actions = actions
-        self._silence, self._error, self._choice, self._preference = (
-            stream(seed, "teacher", name, session, draw)
-            for draw in ("silence", "error", "choice", "preference")
-        )
+        self._memory = TeacherMemory([0.0] * TEACHER_SCALARS)
 
-    def label(self, decision: int, state: bytes, optimal: Sequence[int]) -> int | None:
+    def label(self, decision: int, state: bytes, optimal: Iterable[int]) -> int | None:
         """Return the action this teacher names for `state`, or None for silence.
 
-        Of several optimal actions a teacher always names the same one in the same state. An error names one
-        of the actions that are not optimal, or, where all are, one that the teacher would not have named;
-        with nothing else to name it is silence. Without an optimal action (an unsolvable state) there is
-        nothing to say.
+        Of several optimal actions a teacher always names the same one in the same state.
 
         Args: decision: running number in the session, names the draws; optimal: action indexes, in any order.
         """
-        if not optimal or self._is_silent(decision):
-            return None
-        named = self._named(state, sorted(optimal))
-        if not self._errs(decision):
-            return named
-        wrong = [action for action in range(self._actions) if action not in optimal]
-        wrong = wrong or [action for action in range(self._actions) if action != named]
-        return wrong[below(self._choice, decision, len(wrong))] if wrong else None
+        word, bits = state_word(state), action_bits(optimal)
+        said = label_of(self.parameters, self._memory, self.key, decision, word, bits, self._actions)
+        return None if said < 0 else said
 
-    def reward(
-        self,
-        decision: int,
-        state: bytes,  # noqa: ARG002 - every optimal action is praised alike, so the state draws nothing
-        action: int,
-        optimal: Sequence[int],
-    ) -> float | None:
-        """Return +1 where `action` is an optimal one and -1 where not, flipped by an error; None is silence.
+    def reward(self, decision: int, action: int, optimal: Iterable[int]) -> float | None:
+        """Return what this teacher thinks of `action`, in [-1, 1], or None for silence.
 
-        Args: state: the state that the agent acted in, which `optimal` belongs to. Without an optimal action
-        there is nothing to say.
+        Args: optimal: optimal actions of the state that the agent acted in.
         """
-        if not optimal or self._is_silent(decision):
-            return None
-        praised = (action in optimal) is not self._errs(decision)
-        return 1.0 if praised else -1.0
+        bits = action_bits(optimal)
+        return reward_of(self.parameters, self._memory, self.key, decision, bits, action) or None
 
-    def _is_silent(self, decision: int) -> bool:
-        return unit(self._silence, decision) < self._silence_rate
-
-    def _errs(self, decision: int) -> bool:
-        return unit(self._error, decision) < self._error_rate
-
-    def _named(self, state: bytes, optimal: Sequence[int]) -> int:
-        if len(optimal) == 1:
-            return optimal[0]
-        return optimal[below(stream(self._preference, state.hex()), 0, len(optimal))]
+    def preferred(self, state: bytes, optimal: Sequence[int]) -> int | None:
+        """Return the action this teacher would name without fault, or None without an optimal one."""
+        named = preferred_of(self.key, state_word(state), action_bits(optimal), self._actions)
+        return None if named < 0 else named
 
 
-def _check_rate(name: str, rate: float) -> None:
-    if not 0 <= rate <= 1:
-        raise ParameterError(f"{name} {rate} is outside [0, 1]: 0 is never, 1 is always")
+def action_bits(actions: Iterable[int]) -> int:
+    """Return a number whose bit a is set for every action a."""
+    bits = 0
+    for action in actions:
+        bits |= 1 << action
+    return bits

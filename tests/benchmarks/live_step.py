@@ -32,6 +32,7 @@ from sfid_core.session.machine import advance
 from sfid_core.session.state import Phase, Session, new_session
 from sfid_core.sokoban.actions import ACTIONS
 from sfid_core.sokoban.levels import packaged
+from sfid_core.teaching.kernels import TeacherParameters
 from sfid_core.teaching.simulated import SimulatedTeacher
 
 NAMES = tuple(action.name for action in ACTIONS)
@@ -62,7 +63,8 @@ def started() -> Session:
 
 def recorded(steps: int) -> Iterator[Input]:
     """Play a session with an erring teacher and yield what reaches its learner."""
-    world, teacher, session = world_of(CONFIG), SimulatedTeacher(1, "ann", "bench", 0.2), started()
+    teacher = SimulatedTeacher(1, "ann", "bench", TeacherParameters(label_error=0.2))
+    world, session = world_of(CONFIG), started()
     board = world.begin(0)
     for _ in range(steps):
         began = None

@@ -96,7 +96,13 @@ EPISODE = Episode(
     agreements=2,
     outcome="solved",
 )
-CREATE = CreateSession(session="s1", world=WORLD, window=WINDOW, seed=42)
+CREATE = CreateSession(
+    session="s1",
+    world=WORLD,
+    parameters={"alpha": 0.2, "omega": "centred"},
+    window=WINDOW,
+    seed=42,
+)
 SUMMARY = SessionSummary(
     session="s1",
     method="sfid",
@@ -199,6 +205,13 @@ FULL: tuple[Wire, ...] = (
     Begin(session="s1", epoch=1, episode=1, seed=42, world=WORLD, actions=("LEFT", "RIGHT")),
     Begun(episode=1, step=2, state=STATE, view=VIEW, optimal_steps=1, actions=ACTIONS),
     ExecuteAction(session="s1", epoch=1, decision=5, episode=1, step=2, state=STATE, action="RIGHT"),
-    Executed(decision=5, reward=10.0, outcome="solved", state=NEXT_STATE, view="#####\n# @*#\n#####"),
+    Executed(
+        decision=5,
+        reward=10.0,
+        outcome="solved",
+        state=NEXT_STATE,
+        view="#####\n# @*#\n#####",
+        optimal_steps=0,
+    ),
 )
 """Every message once, with every field that it can carry."""

@@ -118,7 +118,7 @@ def rows() -> list[Record]:
     records.append(Record(Kind.STEP.value, 6, step_body(STEP, None)))
     folded = fold(records)
     assert folded is not None
-    body = digest_body(folded.session, folded.session.method.table.sha256())
+    body = digest_body(folded.session, folded.session.learner.sha256())
     return [*records, Record(Kind.DIGEST.value, 7, body)]
 
 

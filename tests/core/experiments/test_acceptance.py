@@ -6,7 +6,7 @@ from sfid_core.experiments.batch import BatchResult, run_batch
 from sfid_core.outcome import Outcome
 from sfid_core.session.config import SessionConfig, WorldSpec
 from sfid_core.sokoban.levels import packaged
-from sfid_core.teaching.simulated import SimulatedTeacher
+from sfid_core.teaching.kernels import TeacherParameters
 
 SEEDS = range(20)
 ROOM = packaged("room")[0].to_xsb()
@@ -16,7 +16,7 @@ def taught(method: str, starts: str, episodes: int, seed: int) -> BatchResult:
     config = SessionConfig(
         "acceptance", WorldSpec(ROOM, starts=starts), method=method, episodes=episodes, seed=seed
     )
-    return run_batch(config, {"expert": SimulatedTeacher(seed, "expert", "acceptance")})
+    return run_batch(config, {"expert": TeacherParameters()})
 
 
 def steps_over_optimal(result: BatchResult, last: int) -> float:

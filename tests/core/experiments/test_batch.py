@@ -9,7 +9,7 @@ from sfid_core.outcome import Outcome
 from sfid_core.session.config import SessionConfig, WorldSpec
 from sfid_core.sokoban.levels import packaged
 from sfid_core.sokoban.world import WorldError
-from sfid_core.teaching.simulated import SimulatedTeacher
+from sfid_core.teaching.kernels import TeacherParameters
 
 ROOM = packaged("room")[0].to_xsb()
 
@@ -20,8 +20,8 @@ def configured(method: str = "sfid", starts: str = "4", steps_max: int = 200, se
     )
 
 
-def experts(*names: str) -> dict[str, SimulatedTeacher]:
-    return {name: SimulatedTeacher(3, name, "lab") for name in names}
+def experts(*names: str) -> dict[str, TeacherParameters]:
+    return {name: TeacherParameters() for name in names}
 
 
 def test_the_same_arguments_give_the_same_result() -> None:

@@ -4,26 +4,13 @@ from collections import Counter
 
 import pytest
 
-from sfid_core.learning.method import Method, ParameterError, Parameters
-from sfid_core.learning.methods import METHODS, make_method
-from sfid_core.learning.q_learning import TDErrors, greedy, update
+from sfid_core.learning.kernels import Learned
+from sfid_core.learning.learner import learner_draws
+from sfid_core.learning.methods import method_named, method_parameters
+from sfid_core.learning.parameters import ParameterError
 from sfid_core.learning.sfid import omega
 from sfid_core.teaching.answers import Answer, AnswerKind
-
-S0, S1 = b"s0", b"s1"
-LEFT, RIGHT, UP, DOWN = range(4)
-
-
-def made(name: str, alpha: float = 0.1, gamma: float = 0.9) -> Method:
-    return make_method(name, 4, Parameters(alpha, gamma), seed=7, session="lab")
-
-
-def labels(*actions: int) -> list[Answer]:
-    return [Answer(AnswerKind.LABEL, action=action) for action in actions]
-
-
-def rewards(*values: float) -> list[Answer]:
-    return [Answer(AnswerKind.REWARD, reward=value) for value in values]
+from tests.core.learning.pupil import DOWN, LEFT, RIGHT, S0, S1, UP, Pupil, labels, rewards
 
 
 def test_three_steps_of_sfid_computed_by_hand() -> None:
@@ -36,15 +23,15 @@ def test_three_steps_of_sfid_computed_by_hand() -> None:
     3. s0, UP, no label: h = 0, r = 10, solved: no next state.
        Eq. 2: 10 - 0.1 = 9.9.              Eq. 4: 9.9.             Q(s0, UP)   = 0.1 + 0.1 * 9.9    = 1.09
     """
-    sfid = made("sfid")
-    first = sfid.learn(S0, UP, 0.0, sfid.judge(UP, labels(UP)).h, S1)
-    second = sfid.learn(S1, LEFT, -1.0, sfid.judge(LEFT, labels(DOWN)).h, S0)
-    third = sfid.learn(S0, UP, 10.0, sfid.judge(UP, []).h, None)
-    assert first == TDErrors(0.0, 1.0)
-    assert second == pytest.approx((-0.91, -1.91))
-    assert third == pytest.approx((9.9, 9.9))
-    assert sfid.table.values(S0) == pytest.approx([0, 0, 1.09, 0])
-    assert sfid.table.values(S1) == pytest.approx([-0.191, 0, 0, 0])
+    sfid = Pupil("sfid")
+    first = sfid.do(S0, UP, 0.0, labels(UP), S1)
+    second = sfid.do(S1, LEFT, -1.0, labels(DOWN), S0)
+    third = sfid.do(S0, UP, 10.0)
+    assert first == Learned(0.0, 1.0, 1.0)
+    assert second == pytest.approx((-0.91, -1.91, -1.0))
+    assert third == pytest.approx((9.9, 9.9, 0.0))
+    assert sfid.rounded(S0) == [0, 0, 1.09, 0]
+    assert sfid.rounded(S1) == [-0.191, 0, 0, 0]
 
 
 def test_three_steps_of_reward_shaping_computed_by_hand() -> None:
@@ -54,13 +41,13 @@ def test_three_steps_of_reward_shaping_computed_by_hand() -> None:
     2. s1, RIGHT, blame -0.5, r = 0, to s0.    Eq. 4: 0 - 0.5 + 0.5 * 0.5 - 0 = -0.25.  Q(s1, RIGHT) = -0.125
     3. s0, LEFT, silence, r = 1, to s1.        Eq. 4: 1 + 0.5 * 0 - 0.5 = 0.5.          Q(s0, LEFT) = 0.75
     """
-    method = made("reward", 0.5, 0.5)
-    method.learn(S0, LEFT, 0.0, method.judge(LEFT, rewards(1.0)).h, S1)
-    second = method.learn(S1, RIGHT, 0.0, method.judge(RIGHT, rewards(-0.5)).h, S0)
-    method.learn(S0, LEFT, 1.0, method.judge(LEFT, []).h, S1)
-    assert second == TDErrors(0.25, -0.25)
-    assert list(method.table.values(S0)) == [0.75, 0, 0, 0]
-    assert list(method.table.values(S1)) == [0, -0.125, 0, 0]
+    pupil = Pupil("reward", alpha=0.5, gamma=0.5)
+    pupil.do(S0, LEFT, 0.0, rewards(1.0), S1)
+    second = pupil.do(S1, RIGHT, 0.0, rewards(-0.5), S0)
+    pupil.do(S0, LEFT, 1.0, (), S1)
+    assert second == Learned(0.25, -0.25, -0.5)
+    assert pupil.rounded(S0) == [0.75, 0, 0, 0]
+    assert pupil.rounded(S1) == [0, -0.125, 0, 0]
 
 
 def test_three_steps_of_q_learning_computed_by_hand() -> None:
@@ -70,69 +57,108 @@ def test_three_steps_of_q_learning_computed_by_hand() -> None:
     2. s0, DOWN, r = 0, to s1:   delta = 0.5 * 2 = 1.    Q(s0, DOWN) = 0.5
     3. s0, DOWN, r = 0, to s0:   delta = 0.5 * 0.5 - 0.5 = -0.25.  Q(s0, DOWN) = 0.375
     """
-    method = made("q-learning", 0.5, 0.5)
-    assert method.judge(UP, labels(UP)).h == 0.0
-    assert method.learn(S1, UP, 4.0, 0.0, None) == TDErrors(4.0, 4.0)
-    assert method.learn(S0, DOWN, 0.0, 0.0, S1) == TDErrors(1.0, 1.0)
-    assert method.learn(S0, DOWN, 0.0, 0.0, S0) == TDErrors(-0.25, -0.25)
-    assert list(method.table.values(S0)) == [0, 0, 0, 0.375]
-    assert list(method.table.values(S1)) == [0, 0, 2, 0]
+    pupil = Pupil("q-learning", alpha=0.5, gamma=0.5)
+    assert pupil.do(S1, UP, 4.0, labels(UP)) == Learned(4.0, 4.0, 0.0)
+    assert pupil.do(S0, DOWN, 0.0, (), S1) == Learned(1.0, 1.0, 0.0)
+    assert pupil.do(S0, DOWN, 0.0, (), S0) == Learned(-0.25, -0.25, 0.0)
+    assert pupil.rounded(S0) == [0, 0, 0, 0.375]
+    assert pupil.rounded(S1) == [0, 0, 2, 0]
 
 
-@pytest.mark.parametrize("label, expected", [(UP, 1.0), (DOWN, -1.0), (None, 0.0)])
-def test_omega_is_agreement_disagreement_or_silence(label: int | None, expected: float) -> None:
-    assert omega(label, UP) == expected
+@pytest.mark.parametrize(
+    "form, belief, expected",
+    [
+        ("graded", 1.0, 1.0),
+        ("graded", 0.0, -1.0),
+        ("graded", 0.7, 0.4),
+        ("centred", 1.0, 1.0),
+        ("centred", 0.25, 0.0),
+        ("centred", 0.0, -1 / 3),
+        ("penalty", 1.0, 0.0),
+        ("penalty", 0.0, -1.0),
+    ],
+)
+def test_omega_grades_the_belief_that_an_action_is_the_teachers(
+    form: str, belief: float, expected: float
+) -> None:
+    """Four actions: 2 q - 1; (4 q - 1) / 3; q - 1."""
+    number = method_parameters("sfid", {"omega": form}).omega
+    assert omega(number, belief, 4) == pytest.approx(expected)
 
 
-def test_what_the_three_methods_ask_for() -> None:
-    assert {name: made(name).asks for name in METHODS} == {
-        "sfid": AnswerKind.LABEL,
-        "reward": AnswerKind.REWARD,
-        "q-learning": None,
+def test_a_posterior_grades_the_agreement() -> None:
+    """q = (0.2, 0.6, 0.2, 0), the agent goes RIGHT: h = 2 * 0.6 - 1 = 0.2."""
+    answer = Answer(AnswerKind.LABEL, action=RIGHT, posterior=(0.2, 0.6, 0.2, 0.0))
+    assert Pupil("sfid").do(S0, RIGHT, 0.0, [answer], S1).h == pytest.approx(0.2)
+
+
+def test_what_the_three_methods_ask_for_and_when() -> None:
+    asked = {name: method_named(name) for name in ("sfid", "reward", "q-learning")}
+    assert {name: (method.asks_before, method.asks_after) for name, method in asked.items()} == {
+        "sfid": (AnswerKind.LABEL, None),
+        "reward": (None, AnswerKind.REWARD),
+        "q-learning": (None, None),
     }
 
 
+def valued(*values: float) -> Pupil:
+    """Return a pupil whose row of S0 holds these values."""
+    pupil = Pupil("q-learning", alpha=1.0)
+    for action, value in enumerate(values):
+        pupil.do(S0, action, value)
+    return pupil
+
+
 def test_the_greedy_action_is_the_largest_value_whatever_is_drawn() -> None:
-    assert {greedy([0.0, 2.0, -1.0, 1.9], key, counter) for key in range(10) for counter in range(10)} == {1}
+    pupil = valued(0.0, 2.0, -1.0, 1.9)
+    assert {pupil.choose(S0, decision) for decision in range(100)} == {1}
 
 
 def test_ties_are_drawn_evenly_among_the_largest_values_and_only_among_them() -> None:
-    counts = Counter(greedy([1.0, 0.0, 1.0, 1.0], 99, counter) for counter in range(9000))
+    pupil = valued(1.0, 0.0, 1.0, 1.0)
+    counts = Counter(pupil.choose(S0, decision) for decision in range(9000))
     assert set(counts) == {0, 2, 3}
     assert all(abs(count - 3000) < 300 for count in counts.values())
 
 
 def test_a_choice_depends_on_the_decision_and_not_on_the_order_of_calls() -> None:
-    method = made("sfid")
-    forwards = [method.choose(S0, decision) for decision in range(50)]
-    backwards = [method.choose(S0, decision) for decision in reversed(range(50))]
+    pupil = Pupil("sfid")
+    forwards = [pupil.choose(S0, decision) for decision in range(50)]
+    backwards = [pupil.choose(S0, decision) for decision in reversed(range(50))]
     assert forwards == backwards[::-1]
     assert set(forwards) == {0, 1, 2, 3}
 
 
 def test_sessions_and_seeds_have_choices_of_their_own() -> None:
     def choices(seed: int, session: str) -> tuple[int, ...]:
-        method = make_method("sfid", 4, Parameters(), seed, session)
-        return tuple(method.choose(S0, decision) for decision in range(40))
+        pupil = Pupil("sfid", learner_draws(seed, session))
+        return tuple(pupil.choose(S0, decision) for decision in range(40))
 
     assert len({choices(1, "lab"), choices(2, "lab"), choices(1, "hall")}) == 3
 
 
-def test_update_moves_one_value_by_alpha_times_the_error() -> None:
-    row = [1.0, 2.0, 3.0, 4.0]
-    assert update(row, 1, 5.0, -1.0, 10.0, 0.5, 0.5) == TDErrors(8.0, 7.0)
-    assert row == [1.0, 5.5, 3.0, 4.0]
+@pytest.mark.parametrize(
+    "name, value",
+    [
+        ("alpha", 0.0),
+        ("alpha", -0.1),
+        ("alpha", 1.1),
+        ("alpha", float("nan")),
+        ("gamma", -0.1),
+        ("gamma", 1.0),
+        ("gamma", float("inf")),
+        ("gamma", "much"),
+    ],
+)
+def test_a_parameter_outside_its_range_is_refused_in_one_line(name: str, value: float | str) -> None:
+    with pytest.raises(ParameterError, match=rf"^{name} [^\n]+ is outside [^\n]+ default is [^\n]+$"):
+        method_parameters("sfid", {name: value})
 
 
-@pytest.mark.parametrize("alpha, gamma", [(0, 0.9), (-0.1, 0.9), (1.1, 0.9), (0.1, -0.1), (0.1, 1.0)])
-def test_parameters_outside_their_ranges_are_refused_in_one_line(alpha: float, gamma: float) -> None:
-    with pytest.raises(ParameterError, match=r"^(alpha|gamma) [^\n]+ is outside [^\n]+$"):
-        Parameters(alpha, gamma)
-
-
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
-def test_parameters_that_are_no_numbers_are_refused(value: float) -> None:
-    with pytest.raises(ParameterError):
-        Parameters(alpha=value)
-    with pytest.raises(ParameterError):
-        Parameters(gamma=value)
+def test_an_unknown_parameter_or_word_is_refused_with_what_there_is() -> None:
+    with pytest.raises(ParameterError, match=r"^method sfid has no parameter 'beta': it has alpha, gamma, "):
+        method_parameters("sfid", {"beta": 1.0})
+    with pytest.raises(ParameterError, match=r"^omega 'harsh' is unknown: choose one of graded, centred, "):
+        method_parameters("sfid", {"omega": "harsh"})
+    with pytest.raises(ParameterError, match=r"^unknown method 'magic': choose one of [^\n]*sfid"):
+        method_named("magic")

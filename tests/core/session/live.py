@@ -77,7 +77,11 @@ class Live:
             done = self.world.execute(self.board, ACTIONS[effect.action], self.session.step)
             self.board = done.board
             state, view = self.board.state_key(), self.board.to_xsb()
-            self.waiting.append(StepTaken(effect.decision, done.reward, done.outcome, state, view))
+            distance = self.world.optimal_steps(self.board)
+            taken = StepTaken(
+                effect.decision, done.reward, done.outcome, state, view, -1 if distance is None else distance
+            )
+            self.waiting.append(taken)
 
     def _ask(self) -> None:
         """Let every teacher answer the open decision, then let the window elapse if it is still open."""
@@ -99,8 +103,8 @@ class Live:
     def _answer_of(
         self, teacher: SimulatedTeacher, decision: int, state: bytes, action: int, optimal: tuple[int, ...]
     ) -> Answer | None:
-        if self.session.method.asks is AnswerKind.LABEL:
+        if self.session.asks is AnswerKind.LABEL:
             label = teacher.label(decision, state, optimal)
             return None if label is None else Answer(AnswerKind.LABEL, action=label)
-        reward = teacher.reward(decision, state, action, optimal)
+        reward = teacher.reward(decision, action, optimal)
         return None if reward is None else Answer(AnswerKind.REWARD, reward=reward)

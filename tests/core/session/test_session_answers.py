@@ -54,9 +54,9 @@ def test_an_answer_after_the_deadline_is_late_and_changes_nothing_learnt() -> No
     session = asked()
     agent = session.action
     play(session, [(1000, WindowElapsed()), (1001, taken(reward=1.0))])
-    values = list(session.method.table.values(STATES[0]))
+    values = session.learner.values(STATES[0])
     assert play(session, [(1001, label("ann", agent, number=5))]) == [told(AnswerCode.LATE, number=5)]
-    assert session.method.table.values(STATES[0]) == values
+    assert session.learner.values(STATES[0]) == values
     assert asdict(session.counts) == counted(submitted=1, acknowledged=1, late=1)
 
 
@@ -95,7 +95,7 @@ def test_the_second_answer_of_a_teacher_replaces_the_first() -> None:
     play(session, [(1, label("ann", (agent + 1) % 4, number=1)), (2, label("ann", agent, number=2))])
     assert asdict(session.counts) == counted(submitted=2, acknowledged=2, superseded=1, pending=1)
     play(session, [(1000, WindowElapsed()), (1001, taken())])
-    assert session.method.table.values(STATES[0])[agent] == 0.1
+    assert session.learner.values(STATES[0])[agent] == 0.1
     assert asdict(session.counts) == counted(submitted=2, acknowledged=2, superseded=1, applied=1)
 
 
@@ -104,7 +104,7 @@ def test_an_abstention_takes_an_earlier_label_back() -> None:
     play(session, [(1, label("ann", 0)), (2, abstention("ann", number=2)), (1000, WindowElapsed())])
     play(session, [(1001, taken())])
     assert asdict(session.counts) == counted(submitted=1, acknowledged=1, superseded=1)
-    assert session.method.table.values(STATES[0]) == [0.0] * 4
+    assert session.learner.values(STATES[0]) == (0.0,) * 4
 
 
 REJECTED: list[tuple[str, str, AnswerGiven, str]] = [

@@ -2,7 +2,7 @@
 
 import pytest
 
-from sfid_core.learning.q_learning import TDErrors
+from sfid_core.learning.kernels import Learned
 from sfid_core.outcome import Outcome
 from sfid_core.session.effects import (
     Acknowledge,
@@ -23,8 +23,9 @@ from sfid_core.session.events import (
     WindowElapsed,
 )
 from sfid_core.session.measures import EpisodeMeasures, StepMeasures
-from sfid_core.session.state import Phase, new_session
+from sfid_core.session.state import Phase, Session, new_session
 from sfid_core.teaching.answers import Answer, AnswerKind
+from sfid_core.teaching.merge import SILENCE
 from tests.core.session.script import (
     FULL,
     STATES,
@@ -48,7 +49,7 @@ def row(action: int, value: float) -> tuple[float, ...]:
 
 def test_a_label_closes_the_window_the_agent_acts_as_it_chose_and_learns_from_both_rewards() -> None:
     session = new_session(configured(episodes=1))
-    agent = session.method.choose(STATES[0], 0)
+    agent = session.learner.choose(STATES[0], 0)
     played = play(
         session,
         [
@@ -59,7 +60,7 @@ def test_a_label_closes_the_window_the_agent_acts_as_it_chose_and_learns_from_bo
         ],
     )
     answer = Answer(AnswerKind.LABEL, action=agent)
-    errors = TDErrors(10.0, 11.0)
+    learned = Learned(10.0, 11.0, 1.0)
     step = StepMeasures(
         0,
         0,
@@ -69,9 +70,8 @@ def test_a_label_closes_the_window_the_agent_acts_as_it_chose_and_learns_from_bo
         agent,
         (("ann", answer),),
         agent,
-        1.0,
         10.0,
-        errors,
+        learned,
         Outcome.SOLVED,
         VIEWS[1],
         row(agent, 0.1 * 11.0),
@@ -89,7 +89,7 @@ def test_a_label_closes_the_window_the_agent_acts_as_it_chose_and_learns_from_bo
 
 def test_a_reward_is_asked_for_after_the_action_was_seen_and_is_learnt_with_the_step() -> None:
     session = new_session(configured("reward", episodes=1))
-    agent = session.method.choose(STATES[0], 0)
+    agent = session.learner.choose(STATES[0], 0)
     played = play(
         session,
         [
@@ -109,9 +109,8 @@ def test_a_reward_is_asked_for_after_the_action_was_seen_and_is_learnt_with_the_
         agent,
         (("ann", answer),),
         None,
-        -1.0,
         -10.0,
-        TDErrors(-10.0, -11.0),
+        Learned(-10.0, -11.0, -1.0),
         Outcome.DEADLOCK,
         VIEWS[1],
         row(agent, 0.1 * -11.0),
@@ -133,7 +132,7 @@ def test_a_reward_is_asked_for_after_the_action_was_seen_and_is_learnt_with_the_
 
 def test_q_learning_asks_nobody_and_learns_from_the_environment_alone() -> None:
     session = new_session(configured("q-learning", episodes=1))
-    agent = session.method.choose(STATES[0], 0)
+    agent = session.learner.choose(STATES[0], 0)
     played = play(session, [(0, TeacherJoined("ann")), (10, began()), (20, taken(reward=2.0))])
     step = StepMeasures(
         0,
@@ -144,14 +143,13 @@ def test_q_learning_asks_nobody_and_learns_from_the_environment_alone() -> None:
         agent,
         (),
         None,
-        0.0,
         2.0,
-        TDErrors(2.0, 2.0),
+        Learned(2.0, 2.0, 0.0),
         Outcome.RUNNING,
         VIEWS[1],
         row(agent, 0.2),
     )
-    following = session.method.choose(STATES[1], 1)
+    following = session.learner.choose(STATES[1], 1)
     assert played == [
         (Announce(), BeginEpisode(0)),
         (Announce(), Execute(0, agent)),
@@ -184,7 +182,7 @@ def test_silence_until_the_deadline_is_learnt_as_no_reward_from_the_teacher() ->
     (done, announced) = played[2]
     assert announced == Announce()
     assert isinstance(done, StepDone)
-    assert (done.measures.answers, done.measures.label, done.measures.h) == ((), None, 0.0)
+    assert (done.measures.answers, done.measures.label, done.measures.learned.h) == ((), None, 0.0)
     assert done.measures.values == row(agent, 0.1)
 
 
@@ -206,7 +204,7 @@ def test_two_teachers_who_name_different_actions_are_silence_but_their_labels_we
     done = played[2][0]
     assert isinstance(done, StepDone)
     assert [teacher for teacher, _ in done.measures.answers] == ["ann", "bob"]
-    assert (done.measures.label, done.measures.h) == (None, 0.0)
+    assert (done.measures.label, done.measures.learned.h) == (None, 0.0)
     assert (session.counts.submitted, session.counts.applied) == (2, 2)
 
 
@@ -215,7 +213,7 @@ def test_a_label_for_another_action_is_blame_and_the_agent_keeps_its_choice() ->
     agent = session.action
     played = play(session, [(1, label("ann", (agent + 1) % 4)), (2, taken())])
     assert played[0] == (Acknowledge(answer_id(0), AnswerCode.ACCEPTED), Execute(0, agent))
-    assert session.method.table.values(STATES[0]) == list(row(agent, -0.1))
+    assert session.learner.values(STATES[0]) == row(agent, -0.1)
 
 
 def test_an_abstention_closes_the_window_and_teaches_nothing() -> None:
@@ -225,7 +223,7 @@ def test_an_abstention_closes_the_window_and_teaches_nothing() -> None:
     assert played[0] == (Acknowledge(answer_id(0), AnswerCode.ACCEPTED), Execute(0, agent))
     done = played[1][0]
     assert isinstance(done, StepDone)
-    assert (done.measures.h, done.measures.label) == (0.0, None)
+    assert (done.measures.learned.h, done.measures.label) == (0.0, None)
     assert done.measures.answers == (("ann", Answer(AnswerKind.ABSTAIN)),)
     assert session.counts.submitted == session.counts.applied == 0
 
@@ -241,9 +239,15 @@ def test_an_abstention_closes_the_window_and_teaches_nothing() -> None:
 )
 def test_the_outcome_decides_whether_the_next_state_counts(outcome: Outcome, target: float) -> None:
     session = asked()
-    session.method.table.row(STATES[1])[2] = 5.0
+    learn_once(session, STATES[1], 2, 5.0)
     play(session, [(0, WindowElapsed()), (1000, WindowElapsed()), (1001, taken(reward=1.0, outcome=outcome))])
-    assert max(session.method.table.values(STATES[0])) == 0.1 * target
+    assert max(session.learner.values(STATES[0])) == 0.1 * target
+
+
+def learn_once(session: Session, state: bytes, action: int, value: float) -> None:
+    """Let the learner value an action, by one terminal step of its own."""
+    parts = session.learner
+    parts.learn(state, action, value / 0.1, SILENCE, b"end", terminal=True, step=0)
 
 
 def test_the_next_episode_begins_when_one_ends_and_the_decision_runs_on() -> None:
@@ -282,7 +286,7 @@ def test_the_answer_of_a_teacher_who_left_still_counts() -> None:
     )
     done = played[3][0]
     assert isinstance(done, StepDone)
-    assert (done.measures.label, done.measures.h) == (agent, 1.0)
+    assert (done.measures.label, done.measures.learned.h) == (agent, 1.0)
 
 
 def test_when_everyone_left_the_window_runs_out_and_the_agent_goes_on_alone() -> None:
@@ -310,7 +314,7 @@ def test_an_answer_whose_step_is_never_learnt_is_not_counted_as_applied() -> Non
     session = asked()
     play(session, [(1, label("ann", 0)), (2, Stopped("ann"))])
     assert (session.counts.applied, session.counts.superseded, session.counts.pending) == (0, 1, 0)
-    assert len(session.method.table) == 0
+    assert len(session.learner) == 0
 
 
 @pytest.mark.parametrize(

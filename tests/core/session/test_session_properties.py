@@ -207,7 +207,7 @@ def check(session: Session, witness: Witness) -> None:
         and session.window.mode is not WindowMode.UNTIL_ANSWERED
     )
     assert (session.deadline_ns is not None) is runs
-    assert (session.phase is Phase.ASKING) <= (session.method.asks is not None)
+    assert (session.phase is Phase.ASKING) <= (session.asks is not None)
     assert (session.phase is Phase.READY) <= session.paused
     assert (session.phase is Phase.FINISHED) is witness.over
     assert session.decision == witness.learnt

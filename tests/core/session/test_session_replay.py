@@ -10,6 +10,7 @@ from sfid_core.session.config import SessionConfig, Window, WindowMode, WorldSpe
 from sfid_core.session.machine import replay
 from sfid_core.session.state import new_session
 from sfid_core.sokoban.levels import packaged
+from sfid_core.teaching.kernels import TeacherParameters
 from sfid_core.teaching.simulated import SimulatedTeacher
 from tests.core.session.live import Live
 from tests.core.session.script import snapshot
@@ -23,7 +24,12 @@ def configured(method: str, seed: int, teachers: int, window: Window = EARLY) ->
 
 
 def simulated(seed: int, names: Sequence[str], error: float, silence: float) -> dict[str, SimulatedTeacher]:
-    return {name: SimulatedTeacher(seed, name, "lab", error, silence) for name in names}
+    faults = TeacherParameters(error, error, silence)
+    return {name: SimulatedTeacher(seed, name, "lab", faults) for name in names}
+
+
+def parameters(names: Sequence[str], error: float, silence: float) -> dict[str, TeacherParameters]:
+    return {name: TeacherParameters(error, error, silence) for name in names}
 
 
 @pytest.mark.parametrize("method", ["sfid", "reward", "q-learning"])
@@ -36,11 +42,11 @@ def test_a_live_session_learns_exactly_what_the_batch_run_learns(
         config = configured(method, seed, len(names))
         live = Live(config, simulated(seed, names, error, silence), Random(seed))
         session = live.play()
-        batch = run_batch(config, simulated(seed, names, error, silence))
-        assert session.method.table.sha256() == batch.q_sha256
+        batch = run_batch(config, parameters(names, error, silence))
+        assert session.learner.sha256() == batch.q_sha256
         assert tuple(session.episodes) == batch.episodes
         assert session.counts == batch.counts
-        assert len(session.method.table) > 0
+        assert len(session.learner) > 0
 
 
 @pytest.mark.parametrize("window", [Window(WindowMode.FULL, 50), Window(WindowMode.EARLY, 50)])
@@ -48,10 +54,10 @@ def test_neither_the_window_nor_the_order_of_answers_changes_what_is_learnt(wind
     digests = {
         Live(configured("sfid", 3, 2, window), simulated(3, ("ann", "bob"), 0.2, 0.2), Random(order))
         .play()
-        .method.table.sha256()
+        .learner.sha256()
         for order in range(3)
     }
-    assert digests == {run_batch(configured("sfid", 3, 2), simulated(3, ("ann", "bob"), 0.2, 0.2)).q_sha256}
+    assert digests == {run_batch(configured("sfid", 3, 2), parameters(("ann", "bob"), 0.2, 0.2)).q_sha256}
 
 
 @pytest.mark.parametrize("method", ["sfid", "reward", "q-learning"])
@@ -61,7 +67,7 @@ def test_the_replay_of_a_journal_is_the_live_session(method: str) -> None:
     session = live.play()
     rebuilt = replay(new_session(config), live.journal)
     assert snapshot(rebuilt) == snapshot(session)
-    assert rebuilt.method.table.sha256() == session.method.table.sha256()
+    assert rebuilt.learner.sha256() == session.learner.sha256()
 
 
 def test_every_prefix_of_a_journal_replays_to_the_session_at_that_point() -> None:
@@ -72,7 +78,7 @@ def test_every_prefix_of_a_journal_replays_to_the_session_at_that_point() -> Non
     for cut in range(0, len(live.journal), 37):
         session = replay(new_session(config), live.journal[:cut])
         again = replay(session, live.journal[cut:])
-        assert again.method.table.sha256() == live.session.method.table.sha256()
+        assert again.learner.sha256() == live.session.learner.sha256()
 
 
 def test_another_seed_or_another_session_name_learns_something_else() -> None:
@@ -80,7 +86,6 @@ def test_another_seed_or_another_session_name_learns_something_else() -> None:
     other_seed = configured("sfid", 2, 1)
     other_name = SessionConfig("other", WORLD, "sfid", episodes=12, seed=1)
     digests = {
-        run_batch(each, simulated(each.seed, ("ann",), 0.0, 0.0)).q_sha256
-        for each in (config, other_seed, other_name)
+        run_batch(each, parameters(("ann",), 0.0, 0.0)).q_sha256 for each in (config, other_seed, other_name)
     }
     assert len(digests) == 3

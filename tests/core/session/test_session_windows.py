@@ -2,7 +2,7 @@
 
 import pytest
 
-from sfid_core.learning.method import ParameterError
+from sfid_core.learning.parameters import ParameterError
 from sfid_core.session.config import SessionConfig, Window, WindowMode, WorldSpec
 from sfid_core.session.effects import Acknowledge, Announce, AnswerCode, Execute, Ignored
 from sfid_core.session.events import (

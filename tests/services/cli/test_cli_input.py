@@ -69,8 +69,8 @@ def test_a_demo_of_what_cannot_be_is_refused_before_anything_starts(
     "arguments, named",
     [
         (("sorcery",), "sorcery"),
-        (("session", "create", "s1", "--alpha", "1.5"), "alpha 1.5 is outside"),
-        (("session", "create", "s1", "--gamma", "1"), "gamma 1.0 is outside"),
+        (("session", "create", "s1", "-p", "alpha=1.5"), "alpha 1.5 is outside"),
+        (("session", "create", "s1", "-p", "gamma=1"), "gamma 1.0 is outside"),
         (("session", "create", "s1", "--window-ms", "0"), "window span 0 ms is outside"),
         (("session", "create", "s1", "--window-mode", "slow"), "unknown window mode 'slow'"),
         (("session", "create", "s1", "--teachers-min", "5000"), "teachers_min"),

@@ -22,18 +22,19 @@ from protocol.translate import config_of, episode_message, label_totals
 from services.replay import Replayed, replay_directory
 from services.runtime.journal import verify
 from sfid_core.experiments.batch import BatchResult, run_batch
+from sfid_core.teaching.kernels import TeacherParameters
 from sfid_core.teaching.simulated import SimulatedTeacher
 from tests.services.learner.classroom import KEYS, UNTIL_ANSWERED, Classroom, Pupil, session
 
-RATES = {"ann": (0.1, 0.2), "bob": (0.0, 0.0)}
+FAULTS = {"ann": TeacherParameters(0.1, 0.1, 0.2), "bob": TeacherParameters()}
 
 
 def minds(config: CreateSession, *names: str) -> dict[str, SimulatedTeacher]:
-    return {name: SimulatedTeacher(config.seed, name, config.session, *RATES[name]) for name in names}
+    return {name: SimulatedTeacher(config.seed, name, config.session, FAULTS[name]) for name in names}
 
 
 def batch(config: CreateSession, *names: str) -> BatchResult:
-    return run_batch(config_of(config), minds(config, *names))
+    return run_batch(config_of(config), {name: FAULTS[name] for name in names})
 
 
 def seated(room: Classroom, config: CreateSession, *names: str) -> dict[Pupil, SimulatedTeacher]:
@@ -305,9 +306,10 @@ def test_a_session_of_the_same_content_is_the_same_and_of_another_a_conflict(roo
 
 
 def test_a_session_with_a_value_that_makes_no_sense_is_refused_by_name(room: Classroom) -> None:
-    refusal = room.refused(KEYS.learner("create"), session(alpha=1.5))
+    refusal = room.refused(KEYS.learner("create"), session(parameters={"alpha": 1.5}))
     assert refusal == Refusal(
-        code="invalid", reason="alpha 1.5 is outside (0, 1]: the founding paper uses 0.1"
+        code="invalid",
+        reason="alpha 1.5 is outside (0, 1]: the default is 0.1 (Raza, Johnston & Williams 2016)",
     )
     assert room.refused(KEYS.learner("create"), session(method="sorcery")).code == "invalid"
     assert room.rows() == []

@@ -6,13 +6,15 @@ from protocol.messages import Answer, Decision, Refusal, Step
 from services.client import Learnt, Opened
 from services.runtime.memory_bus import MemoryBus, MemoryHub
 from services.teachers.scripted import Said, Script, ScriptedConfig, ScriptedError, run
+from sfid_core.teaching.kernels import TeacherParameters
 from tests.services.teachers.fake_learner import FakeLearner, decision, refuse
 
 CORRIDOR = ("#######\n#. $ @#\n#######", "#######\n#. $@ #\n#######", "#######\n#.$@  #\n#######")
 
 
-def script(answered: bool = False, **settings: object) -> Script:  # noqa: FBT001, FBT002 - reads well where it is used
-    return Script(ScriptedConfig("s1", **settings), lambda _decision: answered)  # type: ignore[arg-type]
+def script(answered: bool = False, seed: int = 0, delay_ms: int = 0, **faults: float) -> Script:  # noqa: FBT001, FBT002 - reads well where it is used
+    config = ScriptedConfig("s1", seed=seed, delay_ms=delay_ms, parameters=TeacherParameters(**faults))
+    return Script(config, lambda _decision: answered)
 
 
 def says(teacher: Script, asked: Decision) -> Said | None:
@@ -38,21 +40,21 @@ def test_a_teacher_who_always_errs_never_names_the_optimal_action() -> None:
     named = {
         said.action
         for number in range(50)
-        if (said := says(script(error_rate=1.0), decision(decision=number))) is not None
+        if (said := says(script(label_error=1.0), decision(decision=number))) is not None
     }
     assert named == {"RIGHT", "UP", "DOWN"}
 
 
 def test_silence_is_said_as_an_abstention() -> None:
     asked = decision()
-    assert says(script(silence_rate=1.0), asked) == Said(asked)
+    assert says(script(silence=1.0), asked) == Said(asked)
 
 
 def test_the_same_seed_says_the_same_after_a_restart() -> None:
     asked = [decision(decision=number) for number in range(40)]
-    first = script(seed=7, error_rate=0.5, silence_rate=0.3)
+    first = script(seed=7, label_error=0.5, silence=0.3)
     whole = [says(first, one) for one in asked]
-    second = script(seed=7, error_rate=0.5, silence_rate=0.3)
+    second = script(seed=7, label_error=0.5, silence=0.3)
     assert [says(second, one) for one in asked[25:]] == whole[25:]
 
 
@@ -152,7 +154,7 @@ def test_a_scripted_teacher_sends_abstentions_so_that_the_quorum_closes() -> Non
     hub = MemoryHub(inline=True)
     learner = FakeLearner(MemoryBus(hub))
     walk(learner, 3)
-    taught(learner, hub, silence_rate=1.0)
+    taught(learner, hub, parameters=TeacherParameters(silence=1.0))
     assert [(answer.kind, answer.action) for answer in learner.answers] == [("abstain", None)] * 3
 
 

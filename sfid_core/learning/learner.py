@@ -1,0 +1,105 @@
+"""A learner of one session: a method's kernels over rows that come into being as states are met."""
+
+import struct
+from collections.abc import Sequence
+from hashlib import sha256
+
+from sfid_core.chance import draw, stream
+from sfid_core.learning.kernels import Draws, Evidence, Learned, Memory, Transition
+from sfid_core.learning.method import Method, Numbers
+
+
+def learner_draws(seed: int, session: str) -> Draws:
+    """Return the streams of a session's learner."""
+    key = stream(seed, "learner", session)
+    return Draws(draw(key, 0), draw(key, 1))
+
+
+class Learner:
+    """A method at work on states named by key.
+
+    Args: actions: number of actions, 1 or more; trail_steps: steps of an episode that a trail must hold.
+    Rows that were only looked at count for nothing: digest and length tell of states learnt about.
+    """
+
+    def __init__(
+        self, method: Method, parameters: Numbers, actions: int, draws: Draws, trail_steps: int
+    ) -> None:
+        self.method = method
+        self.parameters = parameters
+        self._draws = draws
+        self._numbers: dict[bytes, int] = {}
+        self._width = method.width(actions)
+        self._blank = [0.0] * self._width
+        values: list[float] = []
+        trail = [0.0] * (trail_steps * method.trail)
+        self.memory = Memory(values, [0.0] * method.scalars, trail, actions, self._width)
+        self._values = values
+
+    def begin(self, episode: int) -> None:
+        """Begin an episode (0 or more)."""
+        self.method.begin(self.memory, self.parameters, episode)
+
+    def choose(self, state: bytes, decision: int) -> int:
+        """Return the action for `state`; `decision` names every draw."""
+        return self.method.choose(self.memory, self.parameters, self._draws, self._number(state), decision)
+
+    def settle(self, state: bytes, action: int, evidence: Evidence, decision: int) -> int:
+        """Return the action that is taken once teachers have answered."""
+        number = self._number(state)
+        return self.method.settle(
+            self.memory, self.parameters, self._draws, number, action, evidence, decision
+        )
+
+    def learn(  # noqa: PLR0913 - a step has these parts
+        self,
+        state: bytes,
+        action: int,
+        reward: float,
+        evidence: Evidence,
+        next_state: bytes,
+        *,
+        terminal: bool,
+        step: int,
+        distances: tuple[int, int] = (-1, -1),
+        span_ms: float = 0.0,
+    ) -> Learned:
+        """Update from one transition; `distances` are the fewest steps to solved before and after it."""
+        here, there = self._number(state), self._number(next_state)
+        transition = Transition(here, action, reward, there, terminal, step, *distances, span_ms)
+        return self.method.learn(self.memory, self.parameters, transition, evidence)
+
+    def values(self, state: bytes) -> tuple[float, ...]:
+        """Return how much the policy prefers each action in `state`."""
+        number, actions = self._number(state), range(self.memory.actions)
+        return tuple(self.method.prefer(self.memory, self.parameters, number, action) for action in actions)
+
+    def __len__(self) -> int:
+        """Return the number of states learnt about."""
+        return sum(self._values[at - 1] > 0 for at in range(self._width, len(self._values) + 1, self._width))
+
+    def sha256(self) -> str:
+        """Return the hex SHA-256 of what was learnt; see `table_sha256`."""
+        return table_sha256(self._numbers, self._values, self._width)
+
+    def _number(self, state: bytes) -> int:
+        number = self._numbers.get(state)
+        if number is None:
+            number = self._numbers[state] = len(self._numbers)
+            self._values.extend(self._blank)
+        return number
+
+
+def table_sha256(numbers: dict[bytes, int], values: Sequence[float], width: int) -> str:
+    """Return the hex SHA-256 over all states learnt about, by ascending key.
+
+    Of each: its key, then its numbers but the count of updates, float64 little-endian.
+    """
+    pack = struct.Struct(f"<{width - 1}d").pack
+    digest = sha256()
+    for state in sorted(numbers):
+        at = numbers[state] * width
+        if values[at + width - 1] > 0:
+            digest.update(state)
+            digest.update(pack(*values[at : at + width - 1]))
+    return digest.hexdigest()
