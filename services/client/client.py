@@ -81,7 +81,7 @@ class Client:
         self._unreadable = 0
         self._bus, self._keys, self._clock, self._token = bus, keys, clock, token
         self._chance, self.due_ns = chance, 0
-        """`due_ns`: when `next` has something to repeat though nothing comes, on its clock."""
+        """`due_ns`: when `next` has something to repeat."""
         answer_key = keys.answer(self.session, self.teacher)
         self._delivery = Delivery(
             partial(self._ask, answer_key), self._on_answer_update, self._on_denied, outbox, clock, chance
@@ -96,7 +96,7 @@ class Client:
         self._connected: bool | None = None
         self._join_due_ns: int | None = None
         self._join_attempts = self._heard_ns = 0
-        self._missed = self._closed = False
+        self._missed = self._closed = self._denied = False
         self._withdraw: Callable[[], None] | None = None
         self._wants_measures, self._watches_measures = measures, False
 
@@ -241,8 +241,6 @@ class Client:
         # Replies are not bounded by INBOX_MAX: there is one for each open request, and none may be lost.
         self._bus.ask(key, payload, lambda reply: self._inbox.put((handle, reply)), ASK_TIMEOUT_MS)
 
-    # ---------------------------------------------------------------- decisions and measures
-
     def _on_decision(self, received: tuple[bytes, int]) -> None:
         payload, self._heard_ns = received
         try:
@@ -278,8 +276,6 @@ class Client:
         else:
             self._updates.append(_measured(message))
 
-    # ---------------------------------------------------------------- joining
-
     def _on_connection(self, connected: bool) -> None:  # noqa: FBT001 - the bus calls it with one argument
         before, self._connected = self._connected, connected
         if connected == before:
@@ -295,7 +291,10 @@ class Client:
 
     def _on_denied(self) -> None:
         if self._epoch is not None:
-            self._join_afresh()
+            self._epoch = None
+            # Not at once again: a learner that goes on denying would be asked in a circle.
+            (self._join_soon if self._denied else self._ask_to_join)()
+            self._denied = True
 
     def _ask_to_join(self) -> None:
         self._join_due_ns = None
@@ -349,6 +348,7 @@ class Client:
 
     def _on_answer_update(self, update: AnswerUpdate) -> None:
         self._updates.append(update)
+        self._denied = self._denied and update.state is AnswerState.RETRYING
         if update.state is AnswerState.REJECTED and self._answered and update.answer_id == self._answered[0]:
             _, epoch, number = self._answered
             self._answered = None

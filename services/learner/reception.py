@@ -61,7 +61,8 @@ class Reception:
         kept = without_token(message, request.payload)
         if self._seen_before(live, message, kept, request):
             return
-        if message.teacher not in live.session.teachers:
+        came_back = live.session.phase is Phase.FINISHED and message.teacher in live.known
+        if message.teacher not in live.session.teachers and not came_back:
             raise Refused("denied", f"join session {live.name} before you answer")
         event = answer_given(message, live.numbers)
         learner, at_ns = self._learner, self._learner.at_ns()

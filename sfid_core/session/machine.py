@@ -168,7 +168,7 @@ def _answer(session: Session, at_ns: int, event: AnswerGiven) -> Effects:
 
 def _why_rejected(session: Session, event: AnswerGiven) -> str:
     """Say why an answer answers nothing that was asked, or return an empty text."""
-    if event.teacher not in session.teachers:
+    if event.teacher not in session.teachers and session.phase is not Phase.FINISHED:  # they may come back
         return "join the session before you answer"
     kind = event.answer.kind
     method = session.learner.method

@@ -215,6 +215,18 @@ def test_a_denied_answer_makes_the_teacher_join_again() -> None:
     assert len(learner.joins) == 2
 
 
+def test_a_learner_that_goes_on_denying_is_not_asked_in_a_circle() -> None:
+    desk = Desk()
+    learner = desk.learner()
+    learner.answer_replies = [refuse("denied")] * 50
+    with desk.client as client:
+        desk.updates()
+        client.answer(learner.decision, action="LEFT")
+        desk.updates()
+    assert len(learner.joins) == 2
+    assert len(learner.answers) <= 3
+
+
 def test_answers_of_an_earlier_run_are_sent_once_the_teacher_is_welcome_again() -> None:
     outbox = Outbox()
     first = Desk(outbox)

@@ -153,6 +153,17 @@ def test_an_answer_after_the_close_is_told_superseded_or_late_and_kept_but_not_a
     assert all(step.said == () for step in room.steps[1:])
 
 
+def test_who_comes_back_after_the_end_is_told_what_became_of_the_answer(room: Classroom, ann: Pupil) -> None:
+    decision = room.decision
+    ann.withdraw()
+    room.settle()
+    assert room.operate("stop").ok
+    assert ann.label(decision, "UP").code == "superseded"
+    assert [read_answer_body(row.body or b"")[0].value for row in room.rows("answer")] == ["superseded"]
+    stranger = Pupil(room, "eve")
+    assert decode(stranger.send(stranger.message(decision, action="UP")).payload, Refusal).code == "denied"
+
+
 def test_a_teacher_pauses_resumes_and_changes_the_window_and_it_is_journaled(
     room: Classroom, ann: Pupil
 ) -> None:
