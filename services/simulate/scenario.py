@@ -149,7 +149,7 @@ def _trial(chance: Random, taught: Lesson) -> Trial:
     elif what in {What.KILL_TEACHER, What.LEAVE}:
         who = chance.choice(taught.teachers)
     return Trial(
-        decision=chance.randint(0, 30),
+        decision=chance.randint(1 if what is What.LEAVE else 0, 30),
         after_ns=int(chance.random() * chance.choice((1, 20)) * MS),
         what=what,
         who=who,
