@@ -4,6 +4,7 @@ A level has many more positions than an episode meets: those that cannot be solv
 start does not lead to never come up.  What is left is a few per cent of a Boxoban level.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,13 +15,14 @@ from sfid_core.chance import stream
 from sfid_core.mdp import StateOutcome, TabularMDP
 from sfid_core.sokoban.actions import ACTIONS
 from sfid_core.sokoban.board import Board, Level
-from sfid_core.sokoban.solver import Solution, StateIds
+from sfid_core.sokoban.solver import DEADLOCKED, Solution, StateIds
 from sfid_core.sokoban.starts import StartKind, StartOrder, Starts, WorldError, start_ids
 from sfid_core.sokoban.tables import StateTable, count_states, spoken
 from sfid_core.sokoban.world import World, WorldConfig
 
 _CHUNK = 1 << 17
-"""States expanded at once: the temporaries of one chunk stay within a few megabytes."""
+"""States looked at together: the temporaries of one chunk stay within a few megabytes."""
+_UNSEEN = -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +43,7 @@ class TableStarts:
 
     def starts(self, episodes: int) -> npt.NDArray[np.int32]:
         """Return int32 [episodes]: the states in which the first episodes start."""
-        return self.ids[[self.order.index(episode) for episode in range(episodes)]]
+        return self.ids[self.order.indexes(episodes)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,14 +150,13 @@ def tabulate(world: World) -> WorldTables:
         )
         raise WorldError(message)
     world.distribution.board(0)  # a level without a start is refused here, with its reason
-    live = _live_states(world, solution)
-    successor = _compact_successors(solution, live)
-    steps = np.append(solution.steps[live].astype(np.int32), np.int32(-1))
+    number = np.full(solution.table.n_states, _UNSEEN, dtype=np.int32)
+    live = _live_states(world, solution, number)
+    successor = _compact_successors(solution, live, number)
+    steps = np.append(solution.steps[live].astype(np.int32), np.int32(DEADLOCKED))
     outcome = np.full(len(steps), StateOutcome.RUNNING, dtype=np.uint8)
     outcome[steps == 0] = StateOutcome.SOLVED
-    outcome[steps < 0] = StateOutcome.DEADLOCK
-    running = outcome == StateOutcome.RUNNING
-    nearer = (steps[successor] == steps[:, np.newaxis] - 1) & running[:, np.newaxis]
+    outcome[steps == DEADLOCKED] = StateOutcome.DEADLOCK
     return WorldTables(
         level=world.level,
         starts=world.starts,
@@ -163,39 +164,49 @@ def tabulate(world: World) -> WorldTables:
         reward=_rewards(world.config, successor, outcome),
         outcome=outcome,
         optimal_steps=steps,
-        optimal_mask=np.packbits(nearer, axis=1, bitorder="little")[:, 0],
+        optimal_mask=_optimal_masks(successor, steps),
         placements=_placements(solution.table, live),
     )
 
 
-def _live_states(world: World, solution: Solution) -> StateIds:
-    """Return, ascending, the ids of the states in which an episode can be, solved ones included."""
-    if world.starts.kind is not StartKind.FIXED:
-        return np.flatnonzero(solution.steps >= 0)
+def _chunks(count: int) -> Iterator[slice]:
+    return (slice(first, min(first + _CHUNK, count)) for first in range(0, count, _CHUNK))
+
+
+def _live_states(world: World, solution: Solution, number: npt.NDArray[np.int32]) -> StateIds:
+    """Return, ascending, the ids of the states in which an episode can be, solved ones included.
+
+    `number` comes as _UNSEEN all through and serves as the mark of what was seen; it is left in disorder.
+    """
     table, steps = solution.table, solution.steps
-    seen = np.zeros(table.n_states, dtype=np.bool_)
+    if world.starts.kind is not StartKind.FIXED:
+        return np.flatnonzero(steps != DEADLOCKED)
     frontier = np.array([table.state_id(world.level.start)], dtype=np.int64)
-    seen[frontier] = True
+    number[frontier] = 0
     while frontier.size:
         fresh = []
-        for first in range(0, len(frontier), _CHUNK):
-            after = table.successors(frontier[first : first + _CHUNK]).reshape(-1)
-            after = np.unique(after[~seen[after]])
-            seen[after] = True
-            fresh.append(after[steps[after] > 0])  # an episode ends where the level is solved or cannot be
+        for rows in _chunks(len(frontier)):
+            after = table.successors(frontier[rows]).reshape(-1)
+            after = after[(number[after] == _UNSEEN) & (steps[after] != DEADLOCKED)]
+            # Of the mentions of one state the last leaves its mark: one is kept, without a sort.
+            mentions = np.arange(len(after), dtype=np.int32)
+            number[after] = mentions
+            after = after[number[after] == mentions]
+            fresh.append(after[steps[after] > 0])  # an episode ends where the level is solved
         frontier = np.concatenate(fresh)
-    return np.flatnonzero(seen & (steps >= 0))
+    return np.flatnonzero(number != _UNSEEN)
 
 
-def _compact_successors(solution: Solution, live: StateIds) -> npt.NDArray[np.int32]:
+def _compact_successors(
+    solution: Solution, live: StateIds, number: npt.NDArray[np.int32]
+) -> npt.NDArray[np.int32]:
     sink = len(live)
-    number = np.full(solution.table.n_states, sink, dtype=np.int32)
+    number.fill(sink)
     number[live] = np.arange(sink, dtype=np.int32)
     successor = np.empty((sink + 1, len(ACTIONS)), dtype=np.int32)
     successor[sink] = sink
-    for first in range(0, sink, _CHUNK):
-        states = live[first : first + _CHUNK]
-        successor[first : first + len(states)] = number[solution.table.successors(states)]
+    for rows in _chunks(sink):
+        successor[rows] = number[solution.table.successors(live[rows])]
     solved = np.flatnonzero(solution.steps[live] == 0)
     successor[solved] = solved[:, np.newaxis]
     return successor
@@ -205,15 +216,31 @@ def _rewards(
     config: WorldConfig, successor: npt.NDArray[np.int32], outcome: npt.NDArray[np.uint8]
 ) -> npt.NDArray[np.float64]:
     """Return float64 [n_states, 4] with the sums that `World.execute` forms, to the bit."""
-    bonus = np.array([0.0, config.goal_reward, config.deadlock_reward])
-    reward = (config.step_reward + bonus)[outcome[successor]]
+    paid = config.step_reward + np.array([0.0, config.goal_reward, config.deadlock_reward])
+    reward = np.empty(successor.shape, dtype=np.float64)
+    for rows in _chunks(len(successor)):
+        reward[rows] = paid[outcome[successor[rows]]]
     reward[outcome != StateOutcome.RUNNING] = 0.0
     return reward
 
 
+def _optimal_masks(successor: npt.NDArray[np.int32], steps: npt.NDArray[np.int32]) -> npt.NDArray[np.uint8]:
+    masks = np.empty(len(steps), dtype=np.uint8)
+    for rows in _chunks(len(steps)):
+        nearer = steps[successor[rows]] == steps[rows, np.newaxis] - 1
+        # A solved state has no next step, though the sink's -1 looks like one.
+        nearer[steps[rows] <= 0] = False
+        masks[rows] = np.packbits(nearer, axis=1, bitorder="little")[:, 0]
+    return masks
+
+
 def _placements(table: StateTable, live: StateIds) -> npt.NDArray[np.int16]:
-    rank, player = np.divmod(live, table.n_cells)
-    moving = table.cells[table.boxes.take(rank, axis=1)].T
-    still = np.broadcast_to(np.array(table.still_boxes, dtype=np.int16), (len(live), len(table.still_boxes)))
-    boxes = np.sort(np.concatenate((moving, still), axis=1), axis=1)
-    return np.concatenate((table.cells[player][:, np.newaxis], boxes), axis=1)
+    still = np.array(table.still_boxes, dtype=np.int16)[:, np.newaxis]
+    placements = np.empty((len(live), 1 + len(table.boxes) + len(still)), dtype=np.int16)
+    for rows in _chunks(len(live)):
+        rank, player = np.divmod(live[rows], table.n_cells)
+        moving = table.cells[table.boxes.take(rank, axis=1)]
+        boxes = np.concatenate((moving, still.repeat(len(rank), axis=1)))
+        placements[rows, 0] = table.cells[player]
+        placements[rows, 1:] = np.sort(boxes, axis=0).T
+    return placements

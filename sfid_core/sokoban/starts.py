@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sfid_core.chance import below, stream
+from sfid_core.chance_array import belows
 from sfid_core.sokoban.board import Board, Level
 from sfid_core.sokoban.solver import Solution
 
@@ -82,11 +83,21 @@ class StartOrder:
     kind: StartKind
     key: int
 
+    @property
+    def _drawn_one_by_one(self) -> bool:
+        return self.kind is StartKind.ALL or self.count > BALANCED_MAX
+
+    def indexes(self, episodes: int) -> npt.NDArray[np.int64]:
+        """Return `index` of the first episodes: int64 [episodes]."""
+        if self.count > 1 and self._drawn_one_by_one:
+            return belows(stream(self.key, "start"), np.arange(episodes), self.count)
+        return np.array([self.index(episode) for episode in range(episodes)], dtype=np.int64)
+
     def index(self, episode: int) -> int:
         """Return an index in 0..count - 1 for an episode (0 or more)."""
         if self.count == 1:
             return 0
-        if self.kind is StartKind.ALL or self.count > BALANCED_MAX:
+        if self._drawn_one_by_one:
             return below(stream(self.key, "start"), episode, self.count)
         block, place = divmod(episode, self.count)
         return _shuffled(stream(self.key, "start", block), self.count)[place]
