@@ -1,0 +1,175 @@
+"""A loop over one inbox with timers and a journal: what waits for durability goes out after the commit."""
+
+import heapq
+import itertools
+import logging
+import queue
+import threading
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from protocol.codec import encode
+from protocol.messages import Refusal, Wire
+from services.runtime.bus import Request
+from services.runtime.clock import Clock
+from services.runtime.journal import JournalError, JournalFenced, Shard
+
+log = logging.getLogger("sfid.aggregator")
+
+BATCH_MAX = 256
+"""Messages handled before a commit: bounds how long the first of them waits for its acknowledgement."""
+COMMIT_RETRY_MS = 500
+
+
+class _Item(NamedTuple):
+    """One thing to do on the loop's thread; `request` when it can be refused while the journal fails."""
+
+    handle: Callable[[Any], None]
+    argument: Any
+    request: Request | None = None
+
+
+class DurableLoop:
+    """Handlers run on the thread of `turn`, one after another; `enqueue` and `receiver` serve any thread."""
+
+    def __init__(self, shard: Shard, clock: Clock, inbox_max: int, commit_every_ms: int) -> None:
+        self.shard = shard
+        self._clock = clock
+        self._inbox_max, self._commit_every_ns = inbox_max, commit_every_ms * 1_000_000
+        # A steady clock that reads as wall time: it never jumps within this process, and rows are dated.
+        self._offset_ns = clock.wall_ns() - clock.now_ns()
+        self._inbox: queue.SimpleQueue[_Item] = queue.SimpleQueue()
+        self._timers: list[tuple[int, int, Callable[[Any], None], Any]] = []
+        self._timer_numbers = itertools.count()
+        self._unsent: list[tuple[Request, bytes]] = []
+        self._after_commit: list[Callable[[], None]] = []
+        self._uncommitted_since_ns: int | None = None
+        self._failing = False
+        self._retry_at_ns = 0
+        self._held: list[_Item] = []
+
+    # ------------------------------------------------------------ what handlers use
+
+    def at_ns(self) -> int:
+        """Return the time of events: steady within the process, close to wall time."""
+        return self._clock.now_ns() + self._offset_ns
+
+    def append(
+        self, session: str, kind: str, body: bytes, at_ns: int, unique: bytes | None = None,
+        person: str | None = None,
+    ) -> int:  # fmt: skip
+        """Append a row to the open group and return its number; it is durable after the next commit."""
+        if self._uncommitted_since_ns is None:
+            self._uncommitted_since_ns = at_ns
+        return self.shard.append(session, kind, body, at_ns=at_ns, unique=unique, person=person)
+
+    def reply_durably(self, request: Request, reply: Wire) -> None:
+        """Reply after the next commit, and only if it succeeds."""
+        self._unsent.append((request, encode(reply)))
+
+    def after_commit(self, action: Callable[[], None]) -> None:
+        """Do this on the loop's thread once everything appended so far is durable, however long it takes."""
+        self._after_commit.append(action)
+
+    def call_at(self, at_ns: int, handle: Callable[[Any], None], argument: Any) -> None:  # noqa: ANN401 - the handler's
+        """Call `handle(argument)` on the loop's thread at a time of `at_ns`'s scale, or soon after."""
+        heapq.heappush(self._timers, (at_ns, next(self._timer_numbers), handle, argument))
+
+    def call_later(self, delay_ms: int, handle: Callable[[Any], None], argument: Any) -> None:  # noqa: ANN401
+        """Call `handle(argument)` on the loop's thread, about `delay_ms` from now."""
+        self.call_at(self.at_ns() + delay_ms * 1_000_000, handle, argument)
+
+    # ------------------------------------------------------------ on any thread
+
+    def enqueue(self, handle: Callable[[Any], None], argument: Any) -> None:  # noqa: ANN401
+        """Have `handle(argument)` called on the loop's thread."""
+        self._inbox.put(_Item(handle, argument))
+
+    def receiver(self, handle: Callable[[Request], None]) -> Callable[[Request], None]:
+        """Return a bus callback that has requests handled, and refuses them when the inbox is full."""
+
+        def receive(request: Request) -> None:
+            if self._inbox.qsize() < self._inbox_max:
+                self._inbox.put(_Item(handle, request, request))
+            else:
+                busy = Refusal(code="busy", reason="the aggregator's inbox is full: send it again")
+                request.reply_error(encode(busy))
+
+        return receive
+
+    # ------------------------------------------------------------ the loop
+
+    def run(self, stop: threading.Event) -> None:
+        """Turn until `stop` is set."""
+        while not stop.is_set():
+            self.turn(0.2)
+        self.turn(0.0)
+
+    def turn(self, timeout_s: float) -> None:
+        """Handle what waits, at most BATCH_MAX messages, fire due timers, commit, send what waited for it."""
+        try:
+            item = self._inbox.get(timeout=self._wait_s(timeout_s)) if timeout_s else self._inbox.get_nowait()
+            for _ in range(BATCH_MAX):
+                self._handle(item)
+                item = self._inbox.get_nowait()
+        except queue.Empty:
+            pass
+        while self._timers and not self._failing and self._timers[0][0] <= self.at_ns():
+            _, _, handle, argument = heapq.heappop(self._timers)
+            handle(argument)
+        if self._commit_due():
+            self.commit()
+
+    def commit(self) -> None:
+        """Make the group durable, then send what waited for it; a failing journal refuses and tries again."""
+        unsent, self._unsent = self._unsent, []
+        try:
+            self.shard.commit()
+        except JournalError as error:
+            self._failed(error, [request for request, _ in unsent])
+            return
+        self._uncommitted_since_ns = None
+        for request, payload in unsent:
+            request.reply(payload)
+        actions, self._after_commit = self._after_commit, []
+        for action in actions:
+            action()
+        if self._failing:
+            log.warning("the journal can be written again: the crowd goes on")
+            self._failing = False
+            held, self._held = self._held, []
+            for item in held:
+                self._handle(item)
+
+    def _handle(self, item: _Item) -> None:
+        if not self._failing:
+            item.handle(item.argument)
+        elif item.request is not None:
+            refusal = Refusal(code="not-durable", reason="the journal cannot be written: send it again")
+            item.request.reply_error(encode(refusal))
+        else:  # nothing takes effect while it cannot be made durable
+            self._held.append(item)
+
+    def _failed(self, error: JournalError, waiting: list[Request]) -> None:
+        if isinstance(error, JournalFenced):
+            raise error
+        if not self._failing:
+            log.error("nothing is acknowledged until the journal can be written: %s", error)
+        self._failing = True
+        refusal = encode(Refusal(code="not-durable", reason=f"not saved: {error}"[:512]))
+        for request in waiting:
+            request.reply_error(refusal)
+        self._retry_at_ns = self.at_ns() + COMMIT_RETRY_MS * 1_000_000
+
+    def _commit_due(self) -> bool:
+        if self._failing:
+            return self.at_ns() >= self._retry_at_ns
+        since_ns = self._uncommitted_since_ns
+        overdue = since_ns is not None and self.at_ns() - since_ns >= self._commit_every_ns
+        return bool(self._unsent or self._after_commit) or overdue
+
+    def _wait_s(self, timeout_s: float) -> float:
+        due_ns = self._retry_at_ns if self._failing else self._timers[0][0] if self._timers else None
+        if due_ns is None:
+            return timeout_s
+        return min(timeout_s, max(0.0, (due_ns - self.at_ns()) / 1e9))

@@ -1,0 +1,377 @@
+"""The aggregator's shell: journals what happens to crowds, advances them, performs what follows."""
+
+import logging
+import secrets
+import threading
+from collections import Counter
+from collections.abc import Callable
+from random import Random
+
+from protocol.codec import DecodeError, encode
+from protocol.crowd_journal import (
+    AskedRow,
+    ClosedRow,
+    CrowdConfig,
+    CrowdKind,
+    Handed,
+    asked_event,
+    config_body,
+    fold_crowd,
+    name_body,
+    row_body,
+)
+from protocol.journal import Record
+from protocol.keys import Keys
+from protocol.messages import Answer, Decision, Refusal, Welcome
+from services.aggregator.attendance import Attendance
+from services.aggregator.config import AggregatorConfig
+from services.aggregator.handing import handed_answer
+from services.aggregator.live import LiveCrowd, shown
+from services.aggregator.loop import DurableLoop
+from services.aggregator.optima import Optima
+from services.aggregator.reception import Reception
+from services.aggregator.report import Reporter
+from services.aggregator.upstream import Upstream
+from services.client import AnswerState, AnswerUpdate, EpisodeOver, Learnt, Opened, Refused, Update, Welcomed
+from services.runtime.bus import Bus, Reply, Request
+from services.runtime.clock import Clock
+from services.runtime.journal import JournalError, Shard
+from sfid_core.chance import stream, unit
+from sfid_core.crowd.round import (
+    Announce,
+    Cause,
+    Closed,
+    Concluded,
+    Crowd,
+    Due,
+    Effect,
+    MemberJoined,
+    MemberLeft,
+    advance,
+)
+from sfid_core.teaching.answers import AnswerKind
+
+log = logging.getLogger("sfid.aggregator")
+
+UPSTREAM_TICK_MS = 100
+"""How often a client that nothing comes to is asked whether it has something to repeat."""
+RELAY_TIMEOUT_MS = 5_000
+_AGGREGATED = {"label": AnswerKind.LABEL, "reward": AnswerKind.REWARD}
+_CHANCE = secrets.SystemRandom()
+
+
+class Aggregator:
+    """All crowds of one process. Bus callbacks only enqueue; the rest happens in `turn`, on one thread."""
+
+    def __init__(
+        self, config: AggregatorConfig, bus: Bus, shard: Shard, clock: Clock, *,
+        optima: Optima | None = None, chance: Random = _CHANCE,
+    ) -> None:  # fmt: skip
+        self.config, self.bus, self.shard = config, bus, shard
+        self.learners, self.keys = Keys(config.deployment), Keys(config.crowd_deployment)
+        self.crowds: dict[str, LiveCrowd] = {}
+        self.malformed: Counter[tuple[str, str]] = Counter()
+        """Unreadable messages by (session, sender)."""
+        self.loop = DurableLoop(shard, clock, config.inbox_max, config.commit_every_ms)
+        self._clock, self._chance = clock, chance
+        self._optima = optima or Optima()
+        self._gold = stream(config.seed, "gold", config.name)
+        self.attendance = Attendance(self)
+        self.reporter = Reporter(self)
+        self.reception = Reception(self)
+
+    # ------------------------------------------------------------ life
+
+    def open(self) -> None:
+        """Rebuild every crowd from the journal and take up its sessions; then serve."""
+        for name in self.shard.sessions():
+            rows = (
+                Record(row.kind, row.at_ns, row.body) for row in self.shard.rows(name) if row.body is not None
+            )
+            try:
+                folded = fold_crowd(rows)
+            except DecodeError as error:
+                message = f"session {name}: its crowd's journal cannot be read by this version ({error})"
+                raise JournalError(message) from None
+            if folded is not None:
+                self._live(name).take_up(folded)
+        self._declare()
+        for live in self.crowds.values():
+            if not live.finished:
+                # Also when nobody is there any more: what was concluded last may not have been handed on.
+                live.upstream.enter(live.handed)
+                log.info("session %s: its crowd goes on, epoch %d", live.name, self.shard.epoch)
+        self.attendance.expect_all()
+
+    def _declare(self) -> None:
+        keys, receiver = self.keys, self.loop.receiver
+        self.bus.watch(
+            keys.present(), lambda presence: self.loop.enqueue(self.attendance.on_presence, presence)
+        )
+        self.bus.serve(keys.answer(), receiver(self.reception.on_answer))
+        self.bus.serve(keys.join(), receiver(self.reception.on_join))
+        self.bus.serve(keys.control(), receiver(self.reception.on_control))
+        for verb in ("list", "show"):
+            self.bus.serve(keys.learner(verb), self._relay(self.learners.learner(verb)))
+        self.bus.announce(self.learners.service("aggregator", self.config.name))
+
+    def _relay(self, key: str) -> Callable[[Request], None]:
+        """Return a server that passes a question about sessions on to the learner."""
+
+        def relay(request: Request) -> None:
+            def reply(answer: Reply | None) -> None:
+                if answer is not None:
+                    (request.reply if answer.ok else request.reply_error)(answer.payload)
+
+            self.bus.ask(key, request.payload, reply, RELAY_TIMEOUT_MS)
+
+        return relay
+
+    def run(self, stop: threading.Event) -> None:
+        """Turn until `stop` is set, then drain: nothing that was acknowledged waits in memory afterwards."""
+        self.loop.run(stop)
+        for live in self.crowds.values():
+            self.reporter.note(live)
+            live.upstream.leave()
+        self.loop.commit()
+        log.info("aggregator drained: %d crowds", len(self.crowds))
+
+    def turn(self, timeout_s: float) -> None:
+        """See DurableLoop.turn."""
+        self.loop.turn(timeout_s)
+
+    def crowd_of(self, session: str) -> LiveCrowd | None:
+        """Return a session's crowd, a new one where there may be one, or None."""
+        found = self.crowds.get(session)
+        if found is not None:
+            return found
+        allowed = not self.config.sessions or session in self.config.sessions
+        if not allowed or len(self.crowds) >= self.config.sessions_max:
+            return None
+        return self._live(session)
+
+    def _live(self, session: str) -> LiveCrowd:
+        upstream = Upstream(
+            self.bus, self.learners, session, self.config.name,
+            wake=lambda: self.loop.enqueue(self._pump, live), clock=self._clock, chance=self._chance,
+            token=self.config.token,
+        )  # fmt: skip
+        live = self.crowds[session] = LiveCrowd(session, upstream)
+        self.loop.call_later(UPSTREAM_TICK_MS, self._tick, live)
+        return live
+
+    # ------------------------------------------------------------ the learner's side
+
+    def _tick(self, live: LiveCrowd) -> None:
+        if self.crowds.get(live.name) is live:
+            self._pump(live)
+            self.loop.call_later(UPSTREAM_TICK_MS, self._tick, live)
+
+    def _pump(self, live: LiveCrowd) -> None:
+        for update in live.upstream.updates():
+            self._on_update(live, update)
+        if live.leaving and not live.upstream.unacknowledged:
+            live.leaving, live.decision = False, None
+            live.upstream.leave()
+            log.info("session %s: the crowd is empty and leaves", live.name)
+
+    def _on_update(self, live: LiveCrowd, update: Update) -> None:
+        match update:
+            case Opened(decision, received_ns):
+                self._on_decision(live, decision, received_ns)
+            case Welcomed(welcome):
+                self._on_welcome(live, welcome)
+            case Learnt(step):
+                self.bus.publish(self.keys.measures(live.name), encode(step))
+            case EpisodeOver(episode):
+                live.episodes.append(episode)
+                self.bus.publish(self.keys.measures(live.name), encode(episode))
+            case Refused(reason=reason):
+                self._on_refused(live, reason)
+            case AnswerUpdate(state=AnswerState.TOO_LATE | AnswerState.REJECTED as state, reason=reason):
+                live.too_late += 1
+                if live.too_late & (live.too_late - 1) == 0:  # 1, 2, 4, 8 ...
+                    log.warning("session %s: conclusion %d was %s: %s", live.name, live.too_late,
+                                state.value, reason or "the margin is too short")  # fmt: skip
+
+    def _on_welcome(self, live: LiveCrowd, welcome: Welcome) -> None:
+        live.episodes.clear()
+        live.episodes.extend(welcome.episodes)
+        live.decision = welcome.decision
+        if live.crowd is None:
+            config = CrowdConfig(
+                self.config.name, welcome.decision.actions, self.config.rounds, self.config.weighing
+            )
+            live.begin(config, Crowd(config.rounds, config.weighing, len(config.actions)))
+            self.loop.append(live.name, CrowdKind.CREATED.value, config_body(config), self.loop.at_ns())
+            log.info("session %s has a crowd: %s", live.name, config.weighing.method)
+        waiting, live.waiting = live.waiting, {}
+        for message, request in waiting.values():
+            self.reception.welcome(live, message, request)
+
+    def _on_refused(self, live: LiveCrowd, reason: str) -> None:
+        waiting, live.waiting = live.waiting, {}
+        refusal = encode(Refusal(code="unknown-session", reason=f"the learner says: {reason}"[:512]))
+        for _, request in waiting.values():
+            request.reply_error(refusal)
+        if live.crowd is None:  # anybody may ask for any session: keep only those that are
+            live.upstream.leave()
+            del self.crowds[live.name]
+
+    def _on_decision(self, live: LiveCrowd, decision: Decision, received_ns: int) -> None:
+        live.decision = decision
+        crowd = live.crowd
+        if crowd is None:
+            return
+        kind = _AGGREGATED.get(decision.asked) if decision.phase == "asking" else None
+        open_round = crowd.round
+        if open_round is not None and (
+            kind is None or open_round.asked[:2] != (decision.decision, decision.state)
+        ):
+            self.close(live, Cause.OVERTAKEN)
+        if decision.phase == "finished" and not live.finished:
+            self._finish(live)
+        if kind is not None and not live.was_handed(decision) and decision.actions == live.actions:
+            self._put(live, decision, kind, received_ns)
+        else:
+            self.publish_decision(live)
+
+    def _put(self, live: LiveCrowd, decision: Decision, kind: AnswerKind, received_ns: int) -> None:
+        """Put a decision to the crowd, or tell it how the open one stands."""
+        crowd, at_ns = live.crowd, self.loop.at_ns()
+        assert crowd is not None  # noqa: S101 - told to the type checker: the caller has looked
+        again = crowd.round is not None
+        row = self._asked_row(live, decision, kind, received_ns, known=again)
+        if not again:
+            live.asked = decision
+            self.loop.append(live.name, CrowdKind.ASKED.value, row_body(row), at_ns)
+        self.perform(live, advance(crowd, at_ns, asked_event(row)))
+
+    def _asked_row(
+        self, live: LiveCrowd, decision: Decision, kind: AnswerKind, received_ns: int, *, known: bool
+    ) -> AskedRow:
+        remaining_ms = decision.remaining_ms
+        if remaining_ms is not None:
+            waited_ms = max(0, self._clock.now_ns() - received_ns) // 1_000_000
+            remaining_ms = max(0, remaining_ms - waited_ms)
+        optimal: tuple[int, ...] = ()
+        if self.config.solver and kind is AnswerKind.LABEL and not known:
+            optimal = tuple(
+                sorted(
+                    live.numbers[name] for name in self._optima.names(decision.view) if name in live.numbers
+                )
+            )
+        gold = len(optimal) == 1 and unit(self._gold, decision.decision) < self.config.gold_share
+        judged = live.numbers.get(decision.action or "") if kind is AnswerKind.REWARD else None
+        return AskedRow(
+            decision.epoch, decision.decision, decision.episode, decision.step, decision.state,
+            decision.view, decision.asked, judged, remaining_ms, decision.window.mode == "full",
+            decision.paused, optimal, gold,
+        )  # fmt: skip
+
+    def _finish(self, live: LiveCrowd) -> None:
+        live.finished = True
+        self.reporter.note(live)
+        self.loop.append(live.name, CrowdKind.FINISHED.value, b"", self.loop.at_ns())
+        log.info("session %s is finished", live.name)
+
+    # ------------------------------------------------------------ the crowd's side
+
+    def happen(self, live: LiveCrowd, event: MemberJoined | MemberLeft) -> None:
+        """Journal that a member came or went, and let it take effect."""
+        if live.crowd is None:
+            return
+        at_ns = self.loop.at_ns()
+        joined = isinstance(event, MemberJoined)
+        kind = CrowdKind.JOINED if joined else CrowdKind.LEFT
+        self.loop.append(live.name, kind.value, name_body(event.worker), at_ns, None, event.worker)
+        effects = advance(live.crowd, at_ns, event)
+        if joined:
+            live.known.add(event.worker)
+        self.perform(live, effects)
+        self._stay_or_leave(live)
+
+    def _stay_or_leave(self, live: LiveCrowd) -> None:
+        """Be the learner's teacher while anybody is in the crowd: an empty one holds nobody up."""
+        empty = live.crowd is None or not live.crowd.members
+        live.leaving = empty and live.upstream.present
+        if not empty:
+            live.upstream.enter(live.handed)
+
+    def perform(self, live: LiveCrowd, effects: tuple[Effect, ...]) -> None:
+        """Carry out what follows, acknowledgements apart; publish the decision once, as it then stands."""
+        announce = False
+        for effect in effects:
+            match effect:
+                case Due(cause):
+                    self.close(live, cause)
+                    announce = False
+                case Announce():
+                    announce = True
+        if announce:
+            self.publish_decision(live)
+        self._set_timer(live)
+
+    def close(self, live: LiveCrowd, cause: Cause) -> None:
+        """Close the open round, journal what it came to, and hand that on once it is durable."""
+        crowd, at_ns = live.crowd, self.loop.at_ns()
+        assert crowd is not None  # noqa: S101 - told to the type checker: there is an open round
+        for effect in advance(crowd, at_ns, Closed(cause)):
+            if isinstance(effect, Concluded):
+                self._concluded(live, effect, at_ns)
+        self.publish_decision(live)
+
+    def _concluded(self, live: LiveCrowd, concluded: Concluded, at_ns: int) -> None:
+        asked, message = live.asked, None
+        if concluded.answer is not None and asked is not None:
+            response_ms = max(0, at_ns - concluded.round.opened_at_ns) // 1_000_000
+            message = handed_answer(
+                concluded.answer, asked, self.config.name, self._chance.randbytes(16), response_ms
+            )
+            live.handed.append(Handed(message.decision, message.state, encode(message)))
+            self.loop.after_commit(lambda: self._hand_on(live, message))
+        row = ClosedRow(
+            concluded.round.asked.decision, concluded.cause.value, len(concluded.round.answers),
+            () if concluded.conclusion is None else concluded.conclusion.posterior,
+            b"" if message is None else encode(message),
+        )  # fmt: skip
+        unique = None if message is None else message.answer_id
+        self.loop.append(live.name, CrowdKind.CLOSED.value, row_body(row), at_ns, unique)
+        self.reporter.learnt(live, concluded, message, at_ns)
+
+    def _hand_on(self, live: LiveCrowd, message: Answer) -> None:
+        live.upstream.enter()
+        live.upstream.send(message)
+
+    def _set_timer(self, live: LiveCrowd) -> None:
+        deadline_ns = None if live.crowd is None or live.crowd.round is None else live.crowd.round.deadline_ns
+        if deadline_ns is not None and deadline_ns != live.timer_ns:
+            live.timer_ns = deadline_ns
+            self.loop.call_at(deadline_ns, self._on_deadline, live)
+
+    def _on_deadline(self, live: LiveCrowd) -> None:
+        open_round = None if live.crowd is None else live.crowd.round
+        deadline_ns = None if open_round is None else open_round.deadline_ns
+        if deadline_ns is not None and deadline_ns <= self.loop.at_ns():
+            self.close(live, Cause.DEADLINE)
+
+    def publish_decision(self, live: LiveCrowd) -> None:
+        """Publish the decision as the crowd is to see it."""
+        if live.decision is not None and live.crowd is not None:
+            live.sequence += 1
+            self.bus.publish(self.keys.decision(live.name), encode(self.shown(live, live.decision)))
+
+    def shown(self, live: LiveCrowd, decision: Decision) -> Decision:
+        """Return the decision as the crowd is to see it."""
+        return shown(live, decision, self.shard.epoch, self.loop.at_ns())
+
+
+def run(
+    config: AggregatorConfig, bus: Bus, clock: Clock, ready: Callable[[], None], stop: threading.Event
+) -> None:
+    """Open the journal, take up every crowd and serve until `stop` is set."""
+    with Shard.open(config.journal_dir) as shard:
+        aggregator = Aggregator(config, bus, shard, clock)
+        aggregator.open()
+        ready()
+        aggregator.run(stop)

@@ -1,0 +1,160 @@
+"""A learner, an environment, an aggregator and its crowd on one bus in memory, under a clock a test moves."""
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from protocol.codec import decode, encode
+from protocol.crowd_journal import FoldedCrowd, fold_crowd
+from protocol.journal import Record
+from protocol.keys import Keys
+from protocol.messages import Acknowledgement, Answer, Crowd, Decision, Join, Welcome, WindowSpec
+from services.aggregator.config import AggregatorConfig
+from services.aggregator.optima import Optima
+from services.aggregator.service import Aggregator
+from services.runtime.bus import Received, Reply
+from services.runtime.journal import Row, Shard
+from services.runtime.memory_bus import MemoryBus
+from tests.services.learner.classroom import KEYS, Classroom
+
+CROWD_KEYS = Keys("local-crowd")
+EARLY = WindowSpec(mode="early", span_ms=1_000)
+
+
+class Member:
+    """A worker's end of the wire: it sends, and keeps what comes."""
+
+    def __init__(self, room: "CrowdRoom", name: str) -> None:
+        self.room, self.name = room, name
+        self.bus = MemoryBus(room.hub)
+        self.withdraw: Callable[[], None] = lambda: None
+        self.sent = 0
+
+    def join(self) -> Welcome:
+        self.withdraw = self.bus.announce(CROWD_KEYS.present("s1", self.name))
+        key = CROWD_KEYS.join("s1", self.name)
+        return decode(self.room.ask(self.bus, key, Join(session="s1", teacher=self.name)).payload, Welcome)
+
+    def message(self, decision: Decision, **changes: Any) -> Answer:  # noqa: ANN401 - any field
+        self.sent += 1
+        answer = Answer(
+            answer_id=self.name.encode()[:8].ljust(8, b"-") + self.sent.to_bytes(8, "big"),
+            session="s1",
+            teacher=self.name,
+            epoch=decision.epoch,
+            decision=decision.decision,
+            episode=decision.episode,
+            step=decision.step,
+            state=decision.state,
+            kind="label",
+            response_ms=250,
+        )
+        return msgspec.structs.replace(answer, **changes)
+
+    def send(self, answer: Answer) -> Reply:
+        return self.room.ask(self.bus, CROWD_KEYS.answer("s1", self.name), answer)
+
+    def label(self, action: str, decision: Decision | None = None) -> str:
+        """Name an action for the decision as it stands; return the code of the acknowledgement."""
+        message = self.message(decision or self.room.asked, action=action)
+        return decode(self.send(message).payload, Acknowledgement).code
+
+    def say(self, **changes: Any) -> str:  # noqa: ANN401 - any field
+        message = self.message(self.room.asked, **changes)
+        return decode(self.send(message).payload, Acknowledgement).code
+
+    def leave(self) -> None:
+        self.withdraw()
+        self.room.settle()
+
+
+@dataclass
+class CrowdRoom(Classroom):
+    """A classroom with an aggregator; `asked` is what the crowd sees."""
+
+    config: dict[str, Any] = field(default_factory=dict)
+    seen: list[Decision] = field(default_factory=list)
+    crowd_measures: list[bytes] = field(default_factory=list)
+    reports: list[Crowd] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.aggregator: Aggregator | None = None
+        super().__post_init__()
+        self.watcher.subscribe(CROWD_KEYS.decision(), self._see_asked)
+        self.watcher.subscribe(CROWD_KEYS.measures(), lambda one: self.crowd_measures.append(one.payload))
+        self.watcher.subscribe(KEYS.crowd(), lambda one: self.reports.append(decode(one.payload, Crowd)))
+        self.start_aggregator()
+
+    def start_aggregator(self) -> None:
+        """Open an aggregator on the data directory."""
+        config = AggregatorConfig(self.data_dir, **self.config)
+        self.crowd_shard = Shard.open(config.journal_dir)
+        self.crowd_bus = MemoryBus(self.hub)
+        optima = Optima(lambda work: work())
+        self.aggregator = Aggregator(config, self.crowd_bus, self.crowd_shard, self.clock, optima=optima)
+        self.aggregator.open()
+        self.settle()
+
+    def kill_aggregator(self) -> None:
+        """Leave it as `kill -9` does: what was not committed is gone, nothing is flushed or said."""
+        self.crowd_bus.close()
+        directory = self.data_dir / "crowd-crowd"
+        image = self.data_dir / "image"
+        shutil.copytree(directory, image, ignore=shutil.ignore_patterns("*-shm"))
+        self.crowd_shard.discard_pending()
+        self.crowd_shard.close()
+        shutil.rmtree(directory)
+        image.rename(directory)
+        self.aggregator = None
+        self.settle()
+
+    def close(self) -> None:
+        self.crowd_shard.close()
+        self.shard.close()
+
+    def _turned(self) -> bool:
+        if self.aggregator is not None:
+            self.aggregator.turn(0.0)
+        return super()._turned()
+
+    @property
+    def asked(self) -> Decision:
+        """The decision as the crowd sees it."""
+        return self.seen[-1]
+
+    def members(self, *names: str) -> list[Member]:
+        """Return members of these names who have joined."""
+        members = [Member(self, name) for name in names]
+        for member in members:
+            member.join()
+        return members
+
+    def crowd_rows(self, kind: str | None = None) -> list[Row]:
+        """Return the rows of the aggregator's journal, of one kind if it is named."""
+        return [row for row in self.crowd_shard.rows() if kind in {None, row.kind}]
+
+    def folded(self, *without: str) -> FoldedCrowd:
+        """Return what the aggregator's journal builds."""
+        rows = [Record(row.kind, row.at_ns, row.body) for row in self.crowd_rows() if row.body is not None]
+        folded = fold_crowd(rows, without)
+        assert folded is not None
+        return folded
+
+    def learner_answers(self) -> list[Answer]:
+        """Return the answers in the learner's journal."""
+        from protocol.journal import read_answer_body  # noqa: PLC0415
+
+        bodies = [row.body for row in self.rows("answer") if row.body is not None]
+        return [decode(read_answer_body(body)[2], Answer) for body in bodies]
+
+    def _see_asked(self, received: Received) -> None:
+        self.seen.append(decode(received.payload, Decision))
+
+
+def payload(message: Any) -> bytes:  # noqa: ANN401 - any message
+    """Return the bytes of a message."""
+    return encode(message)
