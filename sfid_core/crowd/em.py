@@ -1,9 +1,11 @@
 """Expectation maximisation for confusion matrices, over flat arrays of labels.
 
-A label is a row (task, worker, label). Row w * K + y of a table holds what worker w saying y means for each of the
-K classes, so that one gather and one sum over tasks make the E-step, and one sum over these rows the M-step.
+A label is a row (task, worker, label). Row w * K + y of a table holds, for each of the K classes, what
+worker w saying y means. Labels are ordered once by task and once by row of the table: the E-step is then
+one gather and one sum over runs of labels, and so is the M-step, each over all classes at once.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +13,7 @@ import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.intp]
+Bools = npt.NDArray[np.bool_]
 TINY = 1e-10
 """A probability of 0 would forbid a class for good."""
 
@@ -32,91 +35,163 @@ class Estimate(NamedTuple):
     posterior: Floats
     """(tasks, K): probability of each class."""
     counts: Floats
-    """(workers, K, K): expected labels y of each worker on tasks of class c, at [w, y, c], without the prior."""
+    """(workers, K, K): expected labels at [worker, label, class], without the prior."""
     iterations: int
 
 
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """Dirichlet prior on each worker's matrix: it keeps sparse matrices from collapsing.
+
+    A class is worth `labels` labels, spread as a worker of one accuracy would give them: the worker's own,
+    which itself has the prior Beta(right, wrong).
+    """
+
+    labels: float = 1.0
+    right: float = 4.0
+    wrong: float = 2.0
+
+    def accuracies(self, counts: Floats) -> Floats:
+        """Return each worker's accuracy over all classes, (workers,), from counts (workers, K, K)."""
+        right = np.trace(counts, axis1=1, axis2=2) + self.right
+        accuracy: Floats = right / (counts.sum(axis=(1, 2)) + (self.right + self.wrong))
+        return accuracy
+
+    def pseudo_counts(self, counts: Floats) -> Floats:
+        """Return what the prior adds to counts (workers, K, K)."""
+        K = counts.shape[1]
+        accuracy = self.accuracies(counts)
+        added = np.empty_like(counts)
+        added[:] = ((1 - accuracy) * (self.labels / (K - 1)))[:, None, None]
+        diagonal = np.arange(K)
+        added[:, diagonal, diagonal] = (accuracy * self.labels)[:, None]
+        added += TINY
+        return added
+
+
+class Runs(NamedTuple):
+    """Labels ordered by a key, so that the sum for each key is the sum of a run."""
+
+    order: Ints
+    keys: Ints
+    """The keys that occur, ascending."""
+    starts: Ints
+    """Where the run of each begins."""
+
+    def sums(self, rows: Floats, count: int) -> Floats:
+        """Return (count, K): for each key the sum of its rows, of rows (n, K) in this order."""
+        found = np.add.reduceat(rows, self.starts, axis=0)
+        if len(self.keys) == count:
+            return found
+        sums = np.zeros((count, rows.shape[1]))
+        sums[self.keys] = found
+        return sums
+
+
+def runs(key: Ints, count: int) -> Runs:
+    """Return the labels' order by keys in [0, count); equal keys keep their order."""
+    narrow = key.astype(np.uint16) if count <= 2**16 else key  # 16 bits are sorted by radix
+    order = np.argsort(narrow, kind="stable")
+    sizes = np.bincount(key, minlength=count)
+    keys = np.flatnonzero(sizes)
+    return Runs(order, keys, (np.cumsum(sizes) - sizes)[keys])
+
+
+class Layout:
+    """A set of labels in the two orders that the two steps read.
+
+    Args: votes: at least one label; weights: (n,) weight of each label in the M-step, 1 when not given.
+    """
+
+    def __init__(self, votes: Votes, weights: Floats | None = None) -> None:
+        self.tasks, self.workers, self.classes = votes.task_count, votes.worker_count, votes.class_count
+        self.labels = len(votes.labels)
+        rows = votes.workers * self.classes + votes.labels
+        self._by_task = runs(votes.tasks, self.tasks)
+        self._rows_by_task = rows[self._by_task.order]
+        self._by_row = runs(rows, self.workers * self.classes)
+        self._tasks_by_row = votes.tasks[self._by_row.order]
+        self._weights = None if weights is None else weights[self._by_row.order, None]
+        self._gathered = np.empty((len(rows), self.classes))
+
+    def confusion_counts(self, posterior: Floats) -> Floats:
+        """Return (workers, K, K): expected labels at [worker, label, class], from a posterior (tasks, K)."""
+        K = self.classes
+        rows = np.take(posterior, self._tasks_by_row, axis=0, out=self._gathered, mode="clip")
+        if self._weights is not None:
+            rows *= self._weights
+        return self._by_row.sums(rows, self.workers * K).reshape(self.workers, K, K)
+
+    def scores(self, log_likelihood: Floats) -> Floats:
+        """Return (tasks, K): for each class the sum over a task's labels of ln P(label | class)."""
+        table = log_likelihood.reshape(-1, self.classes)
+        rows = np.take(table, self._rows_by_task, axis=0, out=self._gathered, mode="clip")
+        return self._by_task.sums(rows, self.tasks)
+
+
 def vote_shares(votes: Votes, weights: Floats | None = None) -> Floats:
-    """Return (tasks, K): each class's share of a task's weight, uniform where nothing weighs."""
+    """Return (tasks, K): each class's share of a task's labels by weight, uniform where nothing weighs."""
     tasks, K = votes.task_count, votes.class_count
     sums = np.bincount(votes.tasks * K + votes.labels, weights, minlength=tasks * K).reshape(tasks, K)
     total = sums.sum(axis=1, keepdims=True)
-    return np.divide(sums, total, out=np.full((tasks, K), 1.0 / K), where=total > 0)
+    shares: Floats = np.divide(sums, total, out=np.full((tasks, K), 1.0 / K), where=total > 0)
+    return shares
 
 
-def confusion_counts(votes: Votes, posterior: Floats, weights: Floats | None = None) -> Floats:
-    """Return (workers, K, K): expected labels at [worker, label, class]."""
-    workers, K = votes.worker_count, votes.class_count
-    rows = votes.workers * K + votes.labels
-    counts = np.empty((workers * K, K))
-    for c in range(K):
-        seen = posterior[:, c][votes.tasks]
-        if weights is not None:
-            seen *= weights
-        counts[:, c] = np.bincount(rows, seen, minlength=workers * K)
-    return counts.reshape(workers, K, K)
-
-
-def log_likelihood(counts: Floats, prior: Floats) -> Floats:
-    """Return ln P(label y | class c) at [w, y, c], from counts and the prior's counts at [y, c]."""
-    with_prior = counts + (prior + TINY)
-    return np.log(with_prior / with_prior.sum(axis=1, keepdims=True))
-
-
-def class_posterior(votes: Votes, log_table: Floats, log_classes: Floats) -> Floats:
-    """Return (tasks, K): the classes' posterior from each label's log-likelihood and the classes' log-prior."""
-    tasks, K = votes.task_count, votes.class_count
-    table = log_table.reshape(-1, K)
-    rows = votes.workers * K + votes.labels
-    scores = np.empty((tasks, K))
-    for c in range(K):
-        scores[:, c] = np.bincount(votes.tasks, table[:, c][rows], minlength=tasks)
-    scores += log_classes
-    scores -= scores.max(axis=1, keepdims=True)
-    np.exp(scores, out=scores)
-    scores /= scores.sum(axis=1, keepdims=True)
-    return scores
+def log_likelihood(counts: Floats, prior: Prior) -> Floats:
+    """Return ln P(label | class) at [worker, label, class]."""
+    smooth = prior.pseudo_counts(counts)
+    smooth += counts
+    smooth /= smooth.sum(axis=1, keepdims=True)
+    return np.log(smooth, out=smooth)
 
 
 def class_shares(posterior: Floats) -> Floats:
     """Return ln of each class's mean probability, (K,)."""
-    mean: Floats = posterior.mean(axis=0)
+    mean: Floats = np.ascontiguousarray(posterior.T).mean(axis=1)
     return np.log(np.maximum(mean, TINY))
 
 
-def diagonal_prior(K: int, labels: float, accuracy: float) -> Floats:
-    """Return (K, K): a prior worth so many labels a class, of which the share `accuracy` on the diagonal."""
-    return np.full((K, K), labels * (1 - accuracy) / (K - 1)) + np.eye(K) * labels * (
-        accuracy - (1 - accuracy) / (K - 1)
-    )
+def normalised(scores: Floats) -> tuple[Floats, float]:
+    """Return the posterior of log-scores (tasks, K), and the sum over tasks of ln sum exp(score)."""
+    by_class = np.ascontiguousarray(scores.T)  # long rows are an order of magnitude faster than rows of K
+    highest = by_class.max(axis=0)
+    by_class -= highest
+    np.exp(by_class, out=by_class)
+    total = by_class.sum(axis=0)
+    by_class /= total
+    return np.ascontiguousarray(by_class.T), float(highest.sum() + np.log(total).sum())
 
 
 def maximise(
-    votes: Votes,
+    layout: Layout,
     posterior: Floats,
-    prior: Floats,
+    prior: Prior,
     *,
-    weights: Floats | None = None,
-    fixed: npt.NDArray[np.bool_] | None = None,
+    fixed: Bools | None = None,
     iterations: int = 100,
     tolerance: float = 1e-5,
 ) -> Estimate:
-    """Run EM from a first posterior until it moves no more.
+    """Run EM from a first posterior until it gains no more.
 
-    Args: votes: at least one label; posterior: (tasks, K), not changed; prior: (K, K) counts at [y, c];
-        weights: (n,) weight of each label in the counts; fixed: (tasks,) whose posterior is known and stays;
-        iterations: at most so many; tolerance: mean change of a task's posterior that ends it.
+    Args: posterior: (tasks, K), not changed; fixed: (tasks,) where the posterior is known and stays;
+        iterations: at most so many, 1 or more; tolerance: gain of log-likelihood a label that ends it.
     Source: Dawid & Skene 1979, with a Dirichlet prior on each row of each matrix.
     """
-    counts = confusion_counts(votes, posterior, weights)
+    labels = layout.labels
+    reached = -np.inf
+    counts = layout.confusion_counts(posterior)
     done = 0
-    for done in range(1, iterations + 1):
-        moved = class_posterior(votes, log_likelihood(counts, prior), class_shares(posterior))
+    while done < iterations:
+        done += 1
+        scores = layout.scores(log_likelihood(counts, prior))
+        scores += class_shares(posterior)
+        moved, total = normalised(scores)
         if fixed is not None:
             moved[fixed] = posterior[fixed]
-        change = float(np.abs(moved - posterior).sum()) / votes.task_count
         posterior = moved
-        counts = confusion_counts(votes, posterior, weights)
-        if change < tolerance:
+        counts = layout.confusion_counts(posterior)
+        if total - reached < tolerance * labels:
             break
+        reached = total
     return Estimate(posterior, counts, done)

@@ -47,8 +47,8 @@ def influence_limit(weights: Sequence[float], newcomer: float, cap: float) -> fl
     """Return the magnitude that no weight of a decision may exceed.
 
     Everyone who answered counts with at least a newcomer's weight; of that total, after the cut, nobody holds
-    more than the share `cap`, and nobody is cut below a newcomer. The least limit is therefore `newcomer`: where
-    fewer than 1 / cap people answer, all who are believed at least as far as a newcomer weigh the same.
+    more than the share `cap`, and nobody is cut below a newcomer. Where no more than 1 / cap people answer,
+    all who are believed at least as far as a newcomer therefore weigh the same.
 
     Args: weights: log-odds of any sign; newcomer: weight of an unknown worker, above 0; cap: in (0, 1].
     """

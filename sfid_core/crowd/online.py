@@ -1,7 +1,7 @@
 """A live crowd's answers become one: conclude a decision, then learn from it who is to be believed.
 
-The aggregate is a fold: the same calls in the same order give the same bits, so a journal of them rebuilds it,
-and leaving out one worker's labels forgets the worker.
+The aggregate is a fold: the same calls in the same order give the same bits, so a journal of them rebuilds
+it, and leaving out one worker's labels forgets the worker.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ from sfid_core.crowd.online_majority import MajorityOnline, WeightedOnline
 from sfid_core.crowd.online_one_coin import OneCoinOnline
 from sfid_core.crowd.settings import CrowdMethod, CrowdSettings, crowd_method
 from sfid_core.crowd.tally import Reliability, Standing
-from sfid_core.learning.method import ParameterError
+from sfid_core.learning.parameters import ParameterError
 
 __all__ = ["Conclusion", "CrowdMethod", "CrowdSettings", "OnlineAggregate", "Reliability", "Standing"]
 
@@ -24,11 +24,11 @@ class Conclusion(NamedTuple):
     """What a crowd's answers to one decision come to."""
 
     posterior: tuple[float, ...]
-    """Probability that each action is the right one (majority, weighted: its share of the vote); sums to 1."""
+    """Probability of each action being right (majority, weighted: its share of the vote); sums to 1."""
     action: int | None
-    """The most probable action; None where the crowd abstains: no label, a tie, or below the threshold."""
+    """The most probable action; None for an abstention: no label, a tie, or below the threshold."""
     weights: dict[str, float]
-    """What each worker's label weighed, by name: votes, or log-odds (below 0: it counted against its action)."""
+    """What each worker's label weighed: votes, or log-odds (below 0: it counted against its action)."""
 
 
 class OnlineMethod(Protocol):
@@ -91,13 +91,14 @@ class OnlineAggregate:
     ) -> None:
         """Update the workers' reliability, once, after the decision has closed.
 
-        Gold judges: every label counts as right or wrong by it, with the weight of several. `acceptable` excuses:
-        naming any of these actions counts as right, and the other labels are judged by what the crowd came to.
-        Without either, a label that stands alone teaches nothing: it would only agree with itself.
+        Gold judges: every label counts as right or wrong by it, with the weight of several. `acceptable`
+        excuses: naming any of these actions counts as right, and the other labels are judged by what the
+        crowd came to. Without either, a label that stands alone teaches nothing: it would only agree with
+        itself.
 
-        Args: labels: as for `conclude`; acceptable: the optimal actions, where the solver knows them; gold: the
-            one optimal action of a gold state.
-        Raises: ParameterError for an action outside [0, actions), and for gold beside another acceptable action.
+        Args: labels: as for `conclude`; acceptable: the optimal actions, where the solver knows them; gold:
+            the one optimal action of a gold state.
+        Raises: ParameterError for an action outside [0, actions), and for gold beside another optimum.
         """
         votes = self._votes(labels)
         excused = acceptable or frozenset()
@@ -112,7 +113,7 @@ class OnlineAggregate:
             self._method.learn(votes, excused, gold)
 
     def reliability(self, worker: str) -> Reliability:
-        """Return the worker's estimated accuracy with its standard error; of a stranger, what the prior says."""
+        """Return the worker's estimated accuracy with its error; of a stranger, what the prior says."""
         return self._method.reliability(worker)
 
     def workers(self) -> tuple[str, ...]:

@@ -1,26 +1,28 @@
 """One confusion matrix a worker, learnt one decision after the other.
 
-Between refreshes each decision adds its expected counts to its workers' matrices. When the labels have grown by a
-quarter, EM runs over the history from where it stands (a warm start takes few iterations), so that a label costs
-a constant time on average. Without a prior on the diagonal the matrices of sparse data collapse.
+Between refreshes each decision adds its expected counts to its workers' matrices. When the labels have
+grown by a quarter, EM runs over the history from where it stands (a warm start takes few iterations), so
+that a label costs a constant time on average. Without a prior on the diagonal the matrices of sparse data
+collapse; ours is centred on the worker's own accuracy, which makes a worker with few labels a one-coin
+worker.
 """
 
 from collections import deque
 from collections.abc import Sequence
-from math import log, sqrt
+from math import log
 from typing import NamedTuple
 
 import numpy as np
 
-from sfid_core.crowd.em import Votes, diagonal_prior, maximise
+from sfid_core.crowd.em import Floats, Ints, Layout, Prior, Votes, maximise
 from sfid_core.crowd.evidence import Vote, influence_limit, softmax
 from sfid_core.crowd.settings import CrowdSettings
-from sfid_core.crowd.tally import Reliability, Standing, standing
+from sfid_core.crowd.tally import Reliability, rated
 
 GROWTH = 0.25
 """Share by which the labels grow before EM runs again."""
-FIRST_REFRESH = 40
-"""Labels before the first run: fewer say nothing about K * K numbers a worker."""
+FIRST_REFRESH = 200
+"""Labels before the first run, which settles who is believed: with fewer it settles too early."""
 WARM_ITERATIONS = 10
 
 
@@ -51,11 +53,8 @@ class DawidSkeneOnline:
     def __init__(self, actions: int, settings: CrowdSettings) -> None:
         self._actions = actions
         self._settings = settings
-        accuracy = settings.prior_right / (settings.prior_right + settings.prior_wrong)
-        self._prior_accuracy = accuracy
-        self._prior = diagonal_prior(actions, settings.diagonal_prior, accuracy)
-        self._prior_rows: list[list[float]] = self._prior.tolist()
-        self._newcomer = max(log(accuracy / (1 - accuracy) * (actions - 1)), 0.0)
+        self._prior = Prior(settings.diagonal_prior, settings.prior_right, settings.prior_wrong)
+        self._newcomer = max(log(settings.prior_right / settings.prior_wrong * (actions - 1)), 0.0)
         self._names: dict[str, int] = {}
         self._matrices: list[Matrix] = []
         self._class_sums = [1.0] * actions
@@ -93,7 +92,7 @@ class DawidSkeneOnline:
     def learn(self, votes: Sequence[Vote], acceptable: frozenset[int], gold: int | None) -> None:
         """Add the decision to the history and to the matrices.
 
-        Labels that the solver accepts are taken for the most probable acceptable action, which they got right.
+        Labels that the solver accepts count as right: as the most probable of the acceptable actions.
         """
         posterior = self.look(votes)[0]
         if gold is not None:
@@ -111,33 +110,37 @@ class DawidSkeneOnline:
 
     def reliability(self, worker: str) -> Reliability:
         """Return the worker's accuracy over the classes as often as they occur, with its standard error."""
-        settings = self._settings
         index = self._names.get(worker)
-        matrix = Matrix(self._actions) if index is None else self._matrices[index]
-        right = settings.prior_right + sum(matrix.counts[a][a] for a in range(self._actions))
-        total = settings.prior_right + settings.prior_wrong + sum(map(sum, matrix.counts))
-        mean = right / total
-        error = sqrt(mean * (1 - mean) / (total + 1))
-        known = matrix.labels >= settings.spam_after
-        taken_for = standing(mean, error, 1 / self._actions) if known else Standing.UNKNOWN
-        return Reliability(mean, error, matrix.labels, taken_for)
+        labels = 0 if index is None else self._matrices[index].labels
+        return rated(self._accuracy(index), labels, 1 / self._actions, self._settings)
 
     def _certain(self, action: int) -> list[float]:
         return [float(a == action) for a in range(self._actions)]
 
     def _evidence(self, worker: str, label: int) -> list[float]:
-        """Return ln P(label | action) for each action, from the worker's counts and the prior's."""
-        prior = self._prior_rows[label]
+        """Return ln P(label | action) for each action, from the worker's counts and accuracy."""
         index = self._names.get(worker)
+        accuracy, weigh = self._accuracy(index), self._settings.diagonal_prior
+        off = (1 - accuracy) * weigh / (self._actions - 1)
+        before = [off] * self._actions
+        before[label] = accuracy * weigh
         if index is None:
-            return [log(value) for value in prior]
+            return [log(value / weigh) for value in before]
         counts = self._matrices[index].counts
         totals = map(sum, zip(*counts, strict=True))
-        weigh = self._settings.diagonal_prior
         return [
-            log((count + before) / (total + weigh))
-            for count, before, total in zip(counts[label], prior, totals, strict=True)
+            log((count + prior) / (total + weigh))
+            for count, prior, total in zip(counts[label], before, totals, strict=True)
         ]
+
+    def _accuracy(self, index: int | None) -> float:
+        settings = self._settings
+        right, total = settings.prior_right, settings.prior_right + settings.prior_wrong
+        if index is not None:
+            counts = self._matrices[index].counts
+            right += sum(counts[a][a] for a in range(self._actions))
+            total += sum(map(sum, counts))
+        return right / total
 
     def _close(self, votes: Sequence[Vote], posterior: list[float], weight: float, *, fixed: bool) -> None:
         keep = self._settings.forgetting
@@ -173,14 +176,9 @@ class DawidSkeneOnline:
         fixed = np.array([closed.fixed for closed in history])
         weights = np.repeat([closed.weight for closed in history], sizes) * self._ages(flat[:, 0])
         estimate = maximise(
-            votes,
-            start,
-            self._prior,
-            weights=weights,
-            fixed=fixed,
-            iterations=WARM_ITERATIONS,
-            tolerance=1e-4,
-        )
+            Layout(votes, weights), start, self._prior,
+            fixed=fixed, iterations=WARM_ITERATIONS, tolerance=1e-4,
+        )  # fmt: skip
         for matrix, counts in zip(self._matrices, estimate.counts.tolist(), strict=True):
             matrix.counts = counts
         self._class_sums = [1.0 + value for value in estimate.posterior.sum(axis=0).tolist()]
@@ -190,12 +188,12 @@ class DawidSkeneOnline:
         )
         self._unrefreshed = 0
 
-    def _ages(self, workers: np.typing.NDArray[np.intp]) -> np.typing.NDArray[np.float64]:
+    def _ages(self, workers: Ints) -> Floats:
         """Return what forgetting leaves of each label: one factor for each later label of the same worker."""
         order = np.argsort(workers, kind="stable")
         counts = np.bincount(workers)
         ends = np.repeat(np.cumsum(counts), counts)
         later = np.empty(len(workers))
         later[order] = ends - 1 - np.arange(len(workers))
-        aged: np.typing.NDArray[np.float64] = self._settings.forgetting**later
+        aged: Floats = self._settings.forgetting**later
         return aged

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from sfid_core.crowd.evidence import Vote, leaders, shares
 from sfid_core.crowd.settings import CrowdSettings
-from sfid_core.crowd.tally import Reliability, Tallies
+from sfid_core.crowd.tally import Tallies
 
 
 class MajorityOnline:

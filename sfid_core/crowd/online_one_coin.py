@@ -9,7 +9,7 @@ from sfid_core.crowd.tally import Tallies
 
 
 class OneCoinOnline:
-    """The log-odds of an action are the sum of its labels' weights; every label is then judged by the posterior.
+    """An action's log-odds are the sum of its labels' weights; each label is then judged by the posterior.
 
     The prior's mean lies above chance, which decides between the labelling and its mirror image: a crowd is
     taken to be honest until gold states say otherwise.
@@ -36,7 +36,7 @@ class OneCoinOnline:
         return softmax(scores), weights
 
     def learn(self, votes: Sequence[Vote], acceptable: frozenset[int], gold: int | None) -> None:
-        """Judge each label: by the gold action, as right where the solver accepts it, else by the posterior."""
+        """Judge each label: by gold, as right where the solver accepts it, else by the posterior."""
         if gold is not None:
             heavy = self._settings.gold_weight
             for worker, action in votes:

@@ -86,31 +86,38 @@ class Tallies:
         settings = self._settings
         tally = self._of.get(worker) or Tally()
         right, wrong = settings.prior_right + tally.right, settings.prior_wrong + tally.wrong
-        total = right + wrong
-        mean = right / total
-        error = sqrt(mean * (1 - mean) / (total + 1))
-        return Reliability(mean, error, tally.labels, self._standing(mean, error, tally.labels))
+        return rated(right / (right + wrong), tally.labels, self._chance, settings)
 
     def log_odds(self, worker: str) -> float:
         """Return what one label of the worker adds to the log-odds of the action it names.
 
-        ln((K - 1) s / (1 - s)) for the accuracy s, the optimal weight of a label whose errors fall evenly on the
-        other actions; 0 for a spammer, below 0 for an adversary alone. Source: Nitzan & Paroush 1982.
+        ln((K - 1) s / (1 - s)) for the accuracy s is the optimal weight of a label whose errors fall evenly
+        on the other actions; 0 for a spammer, below 0 for an adversary alone. Source: Nitzan & Paroush
+        1982.
         """
-        mean, _, labels, standing = self.reliability(worker)
-        if standing is Standing.SPAM or (standing is not Standing.ADVERSARY and mean <= self._chance):
+        mean, _, _, taken_for = self.reliability(worker)
+        if taken_for is Standing.SPAM or (taken_for is not Standing.ADVERSARY and mean <= self._chance):
             return 0.0
         s = min(max(mean, 1 - ACCURACY_MAX), ACCURACY_MAX)
         return log(self._others * s / (1 - s))
 
-    def _standing(self, mean: float, error: float, labels: int) -> Standing:
-        if labels < self._settings.spam_after:
-            return Standing.UNKNOWN
-        return standing(mean, error, self._chance)
+
+def rated(mean: float, labels: int, chance: float, settings: CrowdSettings) -> Reliability:
+    """Return a worker's reliability from the estimated accuracy and the number of labels behind it.
+
+    The standard error is that of a Beta distribution worth the prior and the labels not forgotten; a gold
+    label moves the mean by more than an ordinary one, yet counts once here.
+    """
+    keep = settings.forgetting
+    remembered = labels if keep == 1 else (1 - keep**labels) / (1 - keep)
+    error = sqrt(mean * (1 - mean) / (settings.prior_right + settings.prior_wrong + remembered + 1))
+    if labels < settings.spam_after:
+        return Reliability(mean, error, labels, Standing.UNKNOWN)
+    return Reliability(mean, error, labels, standing(mean, error, chance))
 
 
 def standing(mean: float, error: float, chance: float) -> Standing:
-    """Return what a worker of that accuracy and standard error is taken for, where chance would give `chance`."""
+    """Return what a worker of that accuracy is taken for, where answering by chance gives `chance`."""
     if mean + DEVIATIONS * error < chance:
         return Standing.ADVERSARY
     if mean - DEVIATIONS * error <= chance:
