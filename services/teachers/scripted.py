@@ -2,9 +2,10 @@
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol
 
 from protocol.keys import Keys
 from protocol.messages import Decision, Step
@@ -65,19 +66,49 @@ class Said:
     reward: float | None = None
 
 
+class Mind(Protocol):
+    """What a teacher thinks, given the optimal actions; see SimulatedTeacher."""
+
+    def label(self, decision: int, state: bytes, optimal: Iterable[int]) -> int | None:
+        """Return the action to name in a state, None for silence."""
+
+    def reward(self, decision: int, action: int, optimal: Iterable[int]) -> float | None:
+        """Return what is thought of an action, None for silence."""
+
+
+def optimal_names() -> Callable[[str], tuple[str, ...]]:
+    """Return a function from a view to the names of its optimal actions; it remembers levels and views.
+
+    It raises ScriptedError where the solver cannot help.
+    """
+    return lru_cache(VIEWS_KEPT)(_Solver().optimal)
+
+
 class Script:
     """Which answer the teacher gives to what happens, without bus and clock.
 
     A reward judges the action in the state before it, by the solver's optimal actions there. That state is
     the view of the decision while the action was executed, or what the step before led to; a teacher who has
     seen neither (joined in between) abstains once.
+
+    Args: mind: what is thought of a state, a SimulatedTeacher of the configuration when None; optimal: names
+    of the optimal actions of a view, to be shared by many.
     """
 
-    def __init__(self, config: ScriptedConfig, has_answered: Callable[[Decision], bool]) -> None:
-        self._teacher = SimulatedTeacher(config.seed, config.teacher, config.session, config.parameters)
+    def __init__(
+        self,
+        config: ScriptedConfig,
+        has_answered: Callable[[Decision], bool],
+        *,
+        mind: Mind | None = None,
+        optimal: Callable[[str], tuple[str, ...]] | None = None,
+    ) -> None:
+        self._teacher: Mind = mind or SimulatedTeacher(
+            config.seed, config.teacher, config.session, config.parameters
+        )
         self._delay_ns = config.delay_ms * 1_000_000
         self._has_answered = has_answered
-        self._optimal = lru_cache(VIEWS_KEPT)(_Solver().optimal)
+        self._optimal = optimal or optimal_names()
         self._before: tuple[int, str] | None = None
         self._asked: Decision | None = None
         self.due_ns: int | None = None
