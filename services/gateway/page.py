@@ -14,11 +14,10 @@ _TYPES = {
     ".svg": "image/svg+xml",
 }
 POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'{sockets}; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 SECURITY_HEADERS = {
-    "Content-Security-Policy": POLICY,
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Opener-Policy": "same-origin",
@@ -35,7 +34,9 @@ class Page:
     """The files of `page/`, read once."""
 
     def __init__(self, *, tls: bool) -> None:
-        self._extra = {"Strict-Transport-Security": HSTS} if tls else {}
+        self._extra = {"Content-Security-Policy": POLICY.format(sockets="")}
+        if tls:
+            self._extra["Strict-Transport-Security"] = HSTS
         folder = files("services.gateway").joinpath("page")
         self._files: dict[str, tuple[str, bytes]] = {}
         for entry in folder.iterdir():
@@ -43,6 +44,11 @@ class Page:
             if suffix in _TYPES:
                 self._files[f"/{entry.name}"] = (_TYPES[suffix], entry.read_bytes())
         self._files["/"] = self._files["/index.html"]
+
+    def meet(self, address: str) -> None:
+        """Allow websockets to the page's own address by name: older browsers do not count them as 'self'."""
+        sockets = f" {address.replace('http', 'ws', 1)}{SOCKET_PATH}"
+        self._extra["Content-Security-Policy"] = POLICY.format(sockets=sockets)
 
     def file(self, request: Request) -> Response | None:
         """Return the file that a request asks for; None when there is none of that name."""

@@ -114,6 +114,7 @@ class Reception:
     def meet(self, address: str) -> None:
         """Fix the page's address, once the port is known."""
         self._origin, self._host = address, address.partition("://")[2]
+        self._page.meet(address)
 
     def on_request(self, _socket: ServerConnection, request: Request) -> Response | None:
         """Answer a request for the page; None lets a websocket through."""

@@ -1,0 +1,393 @@
+// The lesson: the agent's world, what is asked, and what became of every answer.
+
+import { Board, STEPS, inWords } from "./board.js";
+import { cry, el, say, seconds } from "./dom.js";
+import { Gate } from "./gate.js";
+import { keepsForGood, randomHex } from "./keep.js";
+
+const WAYS = [
+  ["UP", "↑", "Up"],
+  ["LEFT", "←", "Left"],
+  ["RIGHT", "→", "Right"],
+  ["DOWN", "↓", "Down"],
+];
+const LABEL_KEYS = {
+  ArrowLeft: "LEFT", h: "LEFT", a: "LEFT", ArrowDown: "DOWN", j: "DOWN", s: "DOWN",
+  ArrowUp: "UP", k: "UP", w: "UP", ArrowRight: "RIGHT", l: "RIGHT", d: "RIGHT",
+};
+const REWARD_KEYS = { "+": 1, "=": 1, p: 1, "-": -1, b: -1 };
+const SWIPE_PX = 24;
+const RESEND_MS = 3000;
+const FATES = {
+  sending: ["…", "sending"],
+  waiting: ["…", "kept on this device, waiting for the network"],
+  retrying: ["…", "kept, sent again"],
+  saved: ["✓", "saved"],
+  too_late: ["◷", "too late to count, but saved"],
+  rejected: ["✕", "not taken"],
+};
+const OUTCOMES = { solved: "solved", deadlock: "stuck", cap: "out of steps", running: "cut off" };
+const still = matchMedia("(prefers-reduced-motion: reduce)");
+
+const nameOf = (decision) => (decision ? `${decision.session}/${decision.epoch}/${decision.decision}` : null);
+const lowered = (action) => action.charAt(0) + action.slice(1).toLowerCase();
+
+export class Teach {
+  constructor(wire, outbox) {
+    this.wire = wire;
+    this.outbox = outbox;
+    this.gate = new Gate();
+    this.decision = null;
+    this.deadline = null;
+    this.painted = null;
+    this.paintedAt = 0;
+    this.online = false;
+    this.latest = null; // {id, label, state, reason}
+    this.build();
+    this.timer = setInterval(() => this.tick(), 100);
+    this.resender = setInterval(() => this.outbox.send(this.wire, RESEND_MS), 1000);
+    this.onKey = (event) => this.key(event);
+    addEventListener("keydown", this.onKey, true);
+  }
+
+  close() {
+    clearInterval(this.timer);
+    clearInterval(this.resender);
+    removeEventListener("keydown", this.onKey, true);
+  }
+
+  // -------------------------------------------------------------- the screen
+
+  build() {
+    const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+    svg.setAttribute("role", "img");
+    svg.id = "board";
+    this.svg = svg;
+    this.board = new Board(svg);
+    this.asks = el("h1", { class: "asks", id: "asks" }, "Waiting for the agent");
+    this.clock = el("span", { class: "clock", "aria-hidden": "true" });
+    this.bar = el("i");
+    this.fate = el("p", { class: "fate", "data-state": "none" }, el("b", { "aria-hidden": "true" }), el("span", {}, "Your answers show here."));
+    this.pad = el("div", { class: "pad", role: "group", "aria-labelledby": "asks" });
+    this.words = el("p", { class: "words" });
+    this.rounds = el("ol", { class: "rounds", "aria-label": "Rounds so far" });
+    this.roundsTitle = el("h2", {}, "Rounds so far");
+    const keys = el("details", { class: "keys" }, el("summary", {}, "Keys and words"), this.words, this.keysList());
+    const face = el("div", { class: "frame" }, svg);
+    face.addEventListener("pointerdown", (event) => this.swipeFrom(event));
+    this.face = face;
+    this.root = el(
+      "div", { class: "teach" },
+      face,
+      el("section", { class: "side" },
+        el("div", { class: "question" }, this.asks, this.clock, el("div", { class: "bar", "aria-hidden": "true" }, this.bar)),
+        this.pad, this.fate,
+        el("div", { class: "more" }, this.roundsTitle, this.rounds, keys)),
+    );
+    if (!keepsForGood()) {
+      this.root.prepend(el("p", { class: "warn" }, "This browser keeps nothing: do not reload while answers are being sent."));
+    }
+  }
+
+  keysList() {
+    const rows = [
+      ["arrows, h j k l, w a s d", "the way you would go"],
+      ["+  p", "praise"],
+      ["-  b", "blame"],
+      ["space", "nothing to say"],
+    ];
+    return el("dl", {}, ...rows.flatMap(([keys, what]) => [el("dt", {}, keys), el("dd", {}, what)]));
+  }
+
+  buttons(decision) {
+    const kind = decision.asked === "label" ? `label ${decision.actions.join(" ")}` : decision.asked;
+    if (this.padKind === kind) return;
+    this.padKind = kind;
+    this.pad.dataset.kind = decision.asked;
+    const press = (input, label, answer) => (event) => this.press(input, label, answer, event);
+    const skip = el("button", { class: "skip-button", "data-input": "skip", onclick: press("skip", "Nothing to say", { kind: "abstain" }) }, "Skip");
+    skip.setAttribute("aria-label", "Nothing to say this time");
+    if (decision.asked === "label") {
+      const known = WAYS.filter(([action]) => decision.actions.includes(action));
+      const others = decision.actions.filter((action) => !(action in STEPS)).map((action) => [action, lowered(action), lowered(action)]);
+      this.pad.replaceChildren(
+        ...[...known, ...others].map(([action, sign, label]) =>
+          el("button", { class: "way", "data-input": action, "aria-label": label, onclick: press(action, label, { kind: "label", action }) }, el("span", { "aria-hidden": "true" }, sign))),
+        skip,
+      );
+    } else if (decision.asked === "reward") {
+      const judge = (input, sign, label, reward) =>
+        el("button", { class: `judge ${input}`, "data-input": input, onclick: press(input, label, { kind: "reward", reward }) }, el("span", { "aria-hidden": "true" }, sign), label);
+      this.pad.replaceChildren(judge("good", "+", "Good move", 1), judge("bad", "−", "Bad move", -1), skip);
+    } else {
+      this.pad.replaceChildren();
+    }
+  }
+
+  // -------------------------------------------------------------- what the agent's side says
+
+  take(frame) {
+    if (frame.type === "decision") this.show(frame);
+    else if (frame.type === "step") this.did(frame);
+    else if (frame.type === "episodes") this.count(frame.episodes);
+    else if (frame.type === "answer") this.settle(frame);
+    else if (frame.type === "link") this.away(frame);
+  }
+
+  show(decision) {
+    const before = this.decision;
+    this.decision = decision;
+    this.deadline = decision.remaining_ms === null ? null : performance.now() + decision.remaining_ms;
+    this.awayText = "";
+    const world = before?.view === decision.view && before.session === decision.session ? this.board.world : this.board.show(decision.view);
+    this.buttons(decision);
+    this.mark();
+    const asks = this.question();
+    this.asks.textContent = asks;
+    const isNew = nameOf(before) !== nameOf(decision);
+    if (isNew || before.phase !== decision.phase) {
+      const words = inWords(world);
+      this.words.textContent = words;
+      this.svg.setAttribute("aria-label", words);
+      if (this.isOpen()) say("decision", `${asks} ${decision.asked === "reward" && decision.action ? `The agent went ${decision.action.toLowerCase()}.` : ""} ${words}`);
+      else if (decision.phase === "finished") say("decision", asks);
+    }
+    if (isNew && this.latest && !["sending", "waiting", "retrying"].includes(this.latest.state)) this.fadeFate();
+    this.where();
+    // A decision is shown once it is painted: a press before that still means the one before.
+    const name = this.isOpen() ? nameOf(decision) : null;
+    if (name === null) this.gate.show(null);
+    requestAnimationFrame(() => setTimeout(() => this.paintedNow(name), 0));
+    this.tick();
+  }
+
+  paintedNow(name) {
+    if (name !== null && name !== (this.isOpen() ? nameOf(this.decision) : null)) return;
+    if (name !== null && name !== this.painted) this.paintedAt = performance.now();
+    this.painted = name;
+    const last = this.outbox.last();
+    if (name !== null && last && last.session === this.decision.session && last.decision === this.decision.decision) {
+      this.gate.answer(name);
+    }
+    this.gate.show(name);
+    this.root.dataset.shown = name ?? "";
+    this.enable();
+  }
+
+  isOpen() {
+    const { decision } = this;
+    return Boolean(decision) && decision.phase === "asking" && !decision.paused && decision.asked !== "nothing";
+  }
+
+  question() {
+    const { decision } = this;
+    if (this.awayText) return this.awayText;
+    if (!decision) return "Waiting for the agent";
+    if (decision.phase === "finished") return "The lesson is over. Thank you!";
+    if (decision.paused) return "Paused";
+    if (decision.phase === "gathering") return "Waiting for more teachers";
+    if (decision.asked === "reward") return "Was that a good move?";
+    if (decision.asked === "nothing") return "The agent learns by itself";
+    return "Which way would you go?";
+  }
+
+  mark() {
+    const { decision } = this;
+    const last = this.outbox.last();
+    const mine = last && last.session === decision.session && last.decision === decision.decision ? last.label.toUpperCase() : null;
+    if (decision.asked === "reward" && decision.action) this.board.point(decision.action, "did");
+    else this.board.point(mine, "said");
+  }
+
+  where() {
+    const { decision } = this;
+    const where = document.getElementById("where");
+    where.textContent = decision.phase === "finished" ? "" : `Round ${decision.episode + 1} of ${decision.episodes} · step ${decision.step + 1}`;
+  }
+
+  did(step) {
+    if (this.decision && step.decision === this.decision.decision) this.board.point(step.action, "did");
+  }
+
+  count(episodes) {
+    this.rounds.replaceChildren(
+      ...episodes.map((one) => {
+        const text = one.outcome === "solved" ? `${one.steps}` : "–";
+        const label = `Round ${one.episode + 1}: ${OUTCOMES[one.outcome]}, ${one.steps} steps${one.optimal ? `, ${one.optimal} would do` : ""}`;
+        const height = one.outcome === "solved" && one.optimal ? Math.max(0.12, Math.min(1, one.optimal / Math.max(1, one.steps))) : 0.12;
+        const bar = el("i", { "aria-hidden": "true" });
+        bar.style.height = `${Math.round(height * 34)}px`;
+        const item = el("li", { "data-outcome": one.outcome, title: label }, bar, el("span", { "aria-hidden": "true" }, text), el("span", { class: "hidden" }, label));
+        return item;
+      }),
+    );
+    this.root.classList.toggle("has-rounds", episodes.length > 0);
+    const newest = episodes.at(-1);
+    if (newest && this.counted !== undefined && newest.episode > this.counted) {
+      say("round", `Round ${newest.episode + 1} is over: ${OUTCOMES[newest.outcome]} after ${newest.steps} steps.`);
+    }
+    this.counted = newest?.episode ?? -1;
+  }
+
+  away(frame) {
+    if (frame.connected) return;
+    if (!this.decision || this.decision.phase !== "finished") {
+      this.awayText = "Waiting for the agent";
+      this.asks.textContent = this.awayText;
+    }
+  }
+
+  setOnline(online) {
+    this.online = online;
+    if (online) {
+      this.outbox.unsent();
+      this.outbox.send(this.wire, 0);
+    }
+    if (this.latest && this.outbox.entries.has(this.latest.id)) {
+      this.tellFate(this.latest.id, this.latest.label, online ? "sending" : "waiting", "");
+    } else if (online && this.outbox.size) {
+      const [id, entry] = [...this.outbox.entries].at(-1);
+      this.tellFate(id, entry.label, "sending", "");
+    }
+    this.enable();
+  }
+
+  // -------------------------------------------------------------- time
+
+  tick() {
+    const { decision } = this;
+    const left = this.deadline === null ? null : this.deadline - performance.now();
+    const shown = this.isOpen() && left !== null && decision.window.mode !== "until-answered";
+    this.root.classList.toggle("timed", shown);
+    if (!shown) {
+      this.clock.textContent = "";
+      return;
+    }
+    const text = seconds(still.matches ? Math.ceil(left / 500) * 500 : left);
+    if (this.clock.textContent !== text) this.clock.textContent = text;
+    const share = Math.max(0, Math.min(1, left / decision.window.span_ms));
+    this.bar.style.transform = `scaleX(${still.matches ? Math.ceil(share * 8) / 8 : share})`;
+    this.root.classList.toggle("soon", left < Math.min(1500, decision.window.span_ms * 0.3));
+  }
+
+  enable() {
+    const open = this.gate.open;
+    for (const button of this.pad.children) button.setAttribute("aria-disabled", String(!open));
+    this.root.classList.toggle("open", open);
+  }
+
+  // -------------------------------------------------------------- hands
+
+  key(event) {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.isComposing) return;
+    const target = event.target;
+    if (target instanceof HTMLInputElement || target instanceof HTMLTextAreaElement || document.querySelector("dialog[open]")) return;
+    const onButton = target instanceof HTMLElement && target.closest("button, summary, a");
+    if (onButton && (event.key === "Enter" || event.key === " ")) {
+      // The button speaks for itself, but a key held down on it is one press.
+      if (event.repeat) event.preventDefault();
+      return;
+    }
+    const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    const asked = this.decision?.asked;
+    if (key === " ") this.press(key, "Nothing to say", { kind: "abstain" }, event);
+    else if (key in LABEL_KEYS && asked === "label") {
+      const action = LABEL_KEYS[key];
+      this.press(key, lowered(action), { kind: "label", action }, event);
+    } else if (key in REWARD_KEYS && asked === "reward") {
+      const reward = REWARD_KEYS[key];
+      this.press(key, reward > 0 ? "Good move" : "Bad move", { kind: "reward", reward }, event);
+    } else return;
+    event.preventDefault();
+  }
+
+  swipeFrom(start) {
+    if (!start.isPrimary) return;
+    const [x, y] = [start.clientX, start.clientY];
+    const end = (event) => {
+      removeEventListener("pointerup", end);
+      removeEventListener("pointercancel", end);
+      const [right, down] = [event.clientX - x, event.clientY - y];
+      if (event.type === "pointercancel" || Math.max(Math.abs(right), Math.abs(down)) < SWIPE_PX) return;
+      if (this.decision?.asked !== "label") return;
+      const across = Math.abs(right) > Math.abs(down);
+      const action = across ? (right > 0 ? "RIGHT" : "LEFT") : down > 0 ? "DOWN" : "UP";
+      this.press(`swipe ${action}`, lowered(action), { kind: "label", action }, event);
+    };
+    addEventListener("pointerup", end);
+    addEventListener("pointercancel", end);
+  }
+
+  press(input, label, said, event) {
+    const { decision } = this;
+    const verdict = this.gate.press(input, performance.now(), event.repeat === true);
+    if (verdict === "already") this.hint("This one has your answer.");
+    else if (verdict === "closed") this.hint(decision?.paused ? "Paused: not counted." : "Nothing was asked: not counted.");
+    if (verdict !== "counts") return;
+    if (said.action && !decision.actions.includes(said.action)) return;
+    const frame = {
+      type: "answer",
+      id: randomHex(16),
+      session: decision.session,
+      epoch: decision.epoch,
+      decision: decision.decision,
+      episode: decision.episode,
+      step: decision.step,
+      state: decision.state,
+      kind: said.kind,
+      action: said.kind === "reward" ? decision.action : (said.action ?? null),
+      reward: said.reward ?? null,
+      response_ms: Math.max(0, Math.round(performance.now() - this.paintedAt)),
+    };
+    this.outbox.put(frame, label);
+    this.tellFate(frame.id, label, this.online ? "sending" : "waiting", "");
+    this.outbox.send(this.wire, RESEND_MS);
+    if (said.action) this.board.point(said.action, "said");
+    for (const button of this.pad.children) button.classList.toggle("chosen", button.dataset.input === (said.action ?? (said.reward ? (said.reward > 0 ? "good" : "bad") : "skip")));
+    this.enable();
+  }
+
+  // -------------------------------------------------------------- what became of an answer
+
+  settle(frame) {
+    const entry = this.outbox.entries.get(frame.id);
+    if (!entry) return;
+    if (frame.state === "sending") return;
+    if (frame.state !== "retrying") this.outbox.settle(frame.id);
+    if (frame.state === "rejected") {
+      this.outbox.reopen(frame.id);
+      this.gate.reopen(nameOf(this.decision));
+      this.enable();
+    }
+    if (this.latest === null || this.latest.id === frame.id || this.latest.state !== "sending") {
+      this.tellFate(frame.id, entry.label, frame.state, frame.state === "rejected" ? frame.reason : "");
+    }
+  }
+
+  tellFate(id, label, state, reason) {
+    const [sign, words] = FATES[state];
+    this.latest = { id, label, state };
+    const more = this.outbox.size > 1 ? ` (${this.outbox.size} answers on their way)` : "";
+    this.fate.dataset.state = state;
+    this.fate.classList.remove("old");
+    this.fate.children[0].textContent = sign;
+    const text = `${label}: ${words}${reason ? `: ${reason}` : ""}${more}`;
+    this.fate.children[1].textContent = text;
+    if (state === "rejected") cry(text);
+    else if (state !== "sending") say("fate", `${text}.`);
+  }
+
+  fadeFate() {
+    this.fate.classList.add("old");
+    for (const button of this.pad.children) button.classList.remove("chosen");
+  }
+
+  hint(text) {
+    this.fate.classList.remove("old");
+    this.fate.dataset.state = "hint";
+    this.fate.children[0].textContent = "·";
+    this.fate.children[1].textContent = text;
+    this.latest = this.latest && this.outbox.entries.has(this.latest.id) ? this.latest : null;
+    say("fate", text);
+  }
+}
