@@ -7,6 +7,7 @@ from pathlib import Path
 from services.cli.failure import CommandError
 from sfid_core.sokoban.board import Level
 from sfid_core.sokoban.levels import LevelError, packaged, packaged_levels, read_bytes
+from sfid_core.sokoban.world import World, WorldConfig, WorldError
 
 _NUMBERED = re.compile(r"(.*):([0-9]{1,9})", re.DOTALL)
 
@@ -34,6 +35,18 @@ def find_level(text: str) -> tuple[str, Level]:
     if isinstance(found.level, LevelError):
         raise found.level
     return found.level.title or f"{Path(found.where).name}:{found.index}", found.level
+
+
+def check_starts(name: str, level: Level, starts: str, seed: int) -> None:
+    """Refuse a level that cannot give such starts, before anything is started for it.
+
+    Raises: WorldError, one line with the mend.
+    """
+    try:
+        World(level, WorldConfig(), starts, seed).begin(0)
+    except WorldError as error:
+        message = f"level {name!r}: {error}"
+        raise WorldError(message) from None
 
 
 def find_levels(text: str) -> tuple[Listed, ...]:

@@ -12,7 +12,7 @@ from protocol.keys import KeyNameError, Keys, checked
 from protocol.messages import CreateSession, WindowSpec, World
 from protocol.translate import config_of
 from services.cli.failure import NOT_SO, CommandError
-from services.cli.levels import find_level
+from services.cli.level_files import check_starts, find_level
 from services.cli.options import (
     CONNECT_TIMEOUT_MS,
     ENDPOINT,
@@ -72,6 +72,7 @@ def session_config(  # noqa: PLR0917 - one argument a flag
         raise CommandError(message)
     StartsSpec.parse(starts)
     title, found = find_level(level)
+    check_starts(title, found, starts, seed)
     world = World(level=found.to_xsb(), level_name=title, starts=starts)
     config = CreateSession(
         session=name,

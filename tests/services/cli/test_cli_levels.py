@@ -1,6 +1,7 @@
 """`sfid levels`: its documents, its lines and its exit codes."""
 
 import json
+from collections.abc import Container
 from pathlib import Path
 from typing import Any
 
@@ -163,6 +164,40 @@ def test_bad_input_is_exit_2_and_one_line(arguments: tuple[str, ...], named: str
     done = sfid("levels", *arguments)
     assert (done.code, done.stdout, len(done.stderr.splitlines())) == (2, "", 1), done
     assert named in done.stderr
+
+
+@pytest.mark.parametrize(
+    "rows, starts, complaint",
+    [
+        (STUCK, "1", 'the level cannot be solved from its own start; move a box, or use starts "all"'),
+        ("######\n# @* #\n######", "4", "the level is solved at its start; move a box off its goal"),
+        (HALL, "all", 'the level has too many states to draw starts from; use starts "1"'),
+        ("#####\n#@ $#\n#. ##\n#####", "all", "the level has no start that can be solved; check its walls"),
+        (CORRIDOR, "99", "starts: 99 asked for, but the level has only 3 that can be solved"),
+        (CORRIDOR, "within:0", "starts 'within:0' is unknown"),
+    ],
+)
+def test_a_level_that_cannot_give_the_starts_is_refused_before_anything_starts(
+    tmp_path: Path, rows: str, starts: str, complaint: str
+) -> None:
+    path, data = written(tmp_path, rows), tmp_path / "data"
+    done = sfid("demo", "--no-viewer", "--data", str(data), "--level", path, "--starts", starts)
+    assert (done.code, done.stdout, len(done.stderr.splitlines())) == (2, "", 1), done
+    assert complaint in done.stderr
+    assert not data.exists()
+
+
+@pytest.mark.skipif(not BOXOBAN.exists(), reason="the Boxoban test levels are not on this machine")
+@pytest.mark.parametrize("starts, optimal", [("1", {30}), ("all", range(1, 100)), ("within:3", range(1, 4))])
+def test_a_boxoban_level_is_taught_from_any_distribution_of_starts(
+    tmp_path: Path, starts: str, optimal: Container[int]
+) -> None:
+    data = str(tmp_path / "data")
+    world = ("--level", f"{BOXOBAN}:3", "--starts", starts, "--episodes", "2", "--seed", "1")
+    done = sfid("demo", "--no-viewer", "--data", data, *world, "--json")
+    assert done.code == 0, done
+    episodes = json.loads(done.stdout)["episodes"]
+    assert [row["optimal_steps"] in optimal for row in episodes] == [True, True]
 
 
 @pytest.mark.skipif(not BOXOBAN.exists(), reason="the Boxoban test levels are not on this machine")
