@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from services.runtime.config import GatewaySection
 from services.supervisor import Service, Supervisor, write_processes
 
 
@@ -53,6 +54,18 @@ def monitor(deployed: Deployed, *, viewer: bool, ports: tuple[int, int, int]) ->
     arguments = ("monitor", *deployed.common, "--recordings", str(deployed.data / "recordings"))
     arguments += ("--scene-port", str(scene), "--curves-port", str(curves), "--web-port", str(web))
     return Service("monitor", (*arguments, "--viewer" if viewer else "--no-viewer"))
+
+
+def gateway(deployed: Deployed, section: GatewaySection) -> Service:
+    """Return the gateway, which serves the teaching page and keeps its files in the data directory."""
+    arguments = ("gateway", *deployed.common, "--data", str(deployed.data), "--listen", section.listen)
+    for flag, value in (
+        ("--url", section.url),
+        ("--tls-cert", section.tls_cert),
+        ("--tls-key", section.tls_key),
+    ):
+        arguments += () if value is None else (flag, value)
+    return Service("gateway", (*arguments, "--insecure-bind") if section.insecure_bind else arguments)
 
 
 def scripted_teacher(deployed: Deployed, session: str, name: str, flags: tuple[str, ...]) -> Service:

@@ -27,8 +27,11 @@ def up(
     data: Annotated[Path | None, typer.Option(help="Data directory; overrides the file.")] = None,
     listen: Annotated[str | None, typer.Option(help="Endpoint of the router; overrides the file.")] = None,
     viewer: Annotated[bool | None, typer.Option(help="Serve Rerun viewers; overrides the file.")] = None,
+    gateway: Annotated[
+        bool | None, typer.Option(help="Serve the teaching page for browsers; overrides the file.")
+    ] = None,
 ) -> None:
-    """Run router, environment, learner and monitor; restart what dies; Ctrl-C drains."""
+    """Run router, environment, learner and monitor, and a gateway if asked; restart what dies; Ctrl-C drains."""
     try:
         settings = Config() if config is None else read_config(config)
     except ConfigError as error:
@@ -41,10 +44,10 @@ def up(
         raise CommandError(message) from None
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)-7s up %(message)s")
     with suppress(KeyboardInterrupt), stoppable():  # being stopped is how it ends well
-        _run(deployed, settings, viewer)
+        _run(deployed, settings, viewer=viewer, gateway=gateway)
 
 
-def _run(deployed: launch.Deployed, settings: Config, viewer: bool | None) -> None:
+def _run(deployed: launch.Deployed, settings: Config, *, viewer: bool | None, gateway: bool | None) -> None:
     supervisor = launch.supervise(deployed.data, None)
     try:
         supervisor.start(launch.router(deployed))
@@ -54,10 +57,13 @@ def _run(deployed: launch.Deployed, settings: Config, viewer: bool | None) -> No
             ports = (section.scene_port, section.curves_port, section.web_port)
             shown = section.viewer if viewer is None else viewer
             services.append(launch.monitor(deployed, viewer=shown, ports=ports))
+        if settings.gateway.enabled if gateway is None else gateway:
+            services.append(launch.gateway(deployed, settings.gateway))
         details = supervisor.start(*services)
         print(f"router at {deployed.endpoint}, data in {deployed.data}", flush=True)
-        if details.get("monitor"):
-            print(details["monitor"], flush=True)
+        for name in ("monitor", "gateway"):
+            if details.get(name):
+                print(details[name], flush=True)
         print("next: `sfid session create NAME`, then `sfid teach keyboard --session NAME`", flush=True)
         while True:
             supervisor.check()

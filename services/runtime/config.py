@@ -24,6 +24,19 @@ class MonitorSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     web_port: Port = 19_090
 
 
+class GatewaySection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """[gateway]: the teaching page for browsers; off unless asked for."""
+
+    enabled: bool = False
+    listen: str = "127.0.0.1:7480"
+    """HOST:PORT of the page; port 0 takes a free one."""
+    url: str | None = None
+    """Address that browsers use, where it is another."""
+    tls_cert: str | None = None
+    tls_key: str | None = None
+    insecure_bind: bool = False
+
+
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A supervised set of services (`sfid up`)."""
 
@@ -33,6 +46,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Endpoint of the router."""
     deployment: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,47}$")] = "local"
     monitor: MonitorSection = MonitorSection()
+    gateway: GatewaySection = GatewaySection()
 
 
 def read_config(path: Path) -> Config:
@@ -49,7 +63,11 @@ def read_config(path: Path) -> Config:
         return msgspec.convert(document, Config)
     except msgspec.ValidationError as error:
         known = ", ".join(
-            [*Config.__struct_fields__[:-1], *(f"monitor.{f}" for f in MonitorSection.__struct_fields__)]
+            [
+                *Config.__struct_fields__[:-2],
+                *(f"monitor.{f}" for f in MonitorSection.__struct_fields__),
+                *(f"gateway.{f}" for f in GatewaySection.__struct_fields__),
+            ]
         )
         message = f"{path}: {error}: known keys are {known}"
         raise ConfigError(message) from None

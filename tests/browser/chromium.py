@@ -50,7 +50,9 @@ class Wire:
 class Tab:
     """One tab of one person."""
 
-    def __init__(self, address: str, size: tuple[int, int], *, touch: bool = False, dark: bool = True) -> None:
+    def __init__(
+        self, address: str, size: tuple[int, int], *, touch: bool = False, dark: bool = True
+    ) -> None:
         self.wire = Wire(address)
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.wire.call(f"{domain}.enable")
@@ -181,7 +183,11 @@ def chromium() -> Iterator[Chromium]:
     path = program()
     assert path is not None
     with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sfid-chromium-", ignore_cleanup_errors=True)))
+        folder = Path(
+            stack.enter_context(
+                tempfile.TemporaryDirectory(prefix="sfid-chromium-", ignore_cleanup_errors=True)
+            )
+        )
         process = subprocess.Popen(
             [
                 path, "--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-extensions",

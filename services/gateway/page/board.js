@@ -162,6 +162,16 @@ function place(element, world, cell) {
   element.dataset.cell = cell;
 }
 
+/** A small picture of one thing, for a legend. */
+export function sample(kind) {
+  const svg = make("svg", { viewBox: `0 0 ${CELL} ${CELL}`, class: "sample", "aria-hidden": "true" });
+  drawFloor(svg, 0, 0, 0);
+  if (kind === "agent") drawAgent(svg);
+  else if (kind === "goal") drawGoal(svg, 0, 0);
+  else drawBox(svg, kind === "done");
+  return svg;
+}
+
 export class Board {
   /** Draws into an svg element; pieces that moved are moved, so that the eye can follow. */
   constructor(svg) {
@@ -191,7 +201,7 @@ export class Board {
   build(world) {
     this.svg.replaceChildren();
     this.svg.setAttribute("viewBox", `0 0 ${world.width * CELL} ${world.height * CELL}`);
-    this.svg.style.aspectRatio = `${world.width} / ${world.height}`;
+    this.svg.style.setProperty("--ratio", world.width / world.height);
     const ground = make("g", { "shape-rendering": "geometricPrecision" }, this.svg);
     make("rect", { width: world.width * CELL, height: world.height * CELL, fill: MORTAR }, ground);
     for (let cell = 0; cell < world.width * world.height; cell += 1) {

@@ -1,6 +1,6 @@
 // The lesson: the agent's world, what is asked, and what became of every answer.
 
-import { Board, STEPS, inWords } from "./board.js";
+import { Board, STEPS, inWords, sample } from "./board.js";
 import { cry, el, say, seconds } from "./dom.js";
 import { Gate } from "./gate.js";
 import { keepsForGood, randomHex } from "./keep.js";
@@ -71,22 +71,30 @@ export class Teach {
     this.pad = el("div", { class: "pad", role: "group", "aria-labelledby": "asks" });
     this.words = el("p", { class: "words" });
     this.rounds = el("ol", { class: "rounds", "aria-label": "Rounds so far" });
+    this.purpose = el("p", {}, "The agent pushes every box onto a goal. It decides by itself, and learns from what you say.");
     this.roundsTitle = el("h2", {}, "Rounds so far");
     const keys = el("details", { class: "keys" }, el("summary", {}, "Keys and words"), this.words, this.keysList());
     const face = el("div", { class: "frame" }, svg);
     face.addEventListener("pointerdown", (event) => this.swipeFrom(event));
     this.face = face;
     this.root = el(
-      "div", { class: "teach" },
+      "div", { class: "teach first" },
       face,
       el("section", { class: "side" },
         el("div", { class: "question" }, this.asks, this.clock, el("div", { class: "bar", "aria-hidden": "true" }, this.bar)),
         this.pad, this.fate,
-        el("div", { class: "more" }, this.roundsTitle, this.rounds, keys)),
+        el("div", { class: "more" }, this.roundsTitle, this.rounds, this.about(), keys)),
     );
     if (!keepsForGood()) {
       this.root.prepend(el("p", { class: "warn" }, "This browser keeps nothing: do not reload while answers are being sent."));
     }
+  }
+
+  about() {
+    const things = [["agent", "agent"], ["box", "box"], ["goal", "goal"], ["done", "in place"]];
+    return el("div", { class: "about" },
+      this.purpose,
+      el("ul", { class: "legend" }, ...things.map(([kind, name]) => el("li", {}, sample(kind), name))));
   }
 
   keysList() {
@@ -222,6 +230,7 @@ export class Teach {
       }),
     );
     this.root.classList.toggle("has-rounds", episodes.length > 0);
+    this.root.classList.toggle("first", episodes.length === 0);
     const newest = episodes.at(-1);
     if (newest && this.counted !== undefined && newest.episode > this.counted) {
       say("round", `Round ${newest.episode + 1} is over: ${OUTCOMES[newest.outcome]} after ${newest.steps} steps.`);
@@ -367,11 +376,12 @@ export class Teach {
   tellFate(id, label, state, reason) {
     const [sign, words] = FATES[state];
     this.latest = { id, label, state };
+    const others = state === "saved" && this.decision?.teachers > 1 && !this.gate.open && this.isOpen() ? ". Waiting for the others" : "";
     const more = this.outbox.size > 1 ? ` (${this.outbox.size} answers on their way)` : "";
     this.fate.dataset.state = state;
     this.fate.classList.remove("old");
     this.fate.children[0].textContent = sign;
-    const text = `${label}: ${words}${reason ? `: ${reason}` : ""}${more}`;
+    const text = `${label}: ${words}${reason ? `: ${reason}` : ""}${more}${others}`;
     this.fate.children[1].textContent = text;
     if (state === "rejected") cry(text);
     else if (state !== "sending") say("fate", `${text}.`);
