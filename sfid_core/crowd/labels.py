@@ -16,7 +16,11 @@ Column = Sequence[Name] | npt.NDArray[np.integer]
 
 @dataclass(frozen=True, slots=True)
 class LabelSet:
-    """Labels in index form: tasks as they first occur, workers and classes sorted."""
+    """Labels in index form: tasks as they first occur, workers and classes sorted.
+
+    Where all labels are the same there is one class name, and the votes still count two classes: the models
+    choose between two or more.
+    """
 
     task_names: Sequence[Name]
     worker_names: Sequence[Name]
@@ -27,7 +31,7 @@ class LabelSet:
 def label_set(tasks: Column, workers: Column, labels: Column) -> LabelSet:
     """Return the set with one label a row.
 
-    Raises: ParameterError when the columns differ in length, hold no row, or all labels are the same.
+    Raises: ParameterError when the columns differ in length or hold no row.
     """
     rows = len(tasks)
     if not rows == len(workers) == len(labels):
@@ -38,11 +42,8 @@ def label_set(tasks: Column, workers: Column, labels: Column) -> LabelSet:
     task_names, task_ids = factorise(tasks)
     worker_names, worker_ids = factorise(workers)
     class_names, class_ids = factorise(labels)
-    if len(class_names) < 2:
-        message = f"every label is {class_names[0]!r}: there is nothing to decide between fewer than two"
-        raise ParameterError(message)
     task_names, task_ids = by_first(task_names, task_ids)
-    sizes = (len(task_names), len(worker_names), len(class_names))
+    sizes = (len(task_names), len(worker_names), max(len(class_names), 2))
     return LabelSet(task_names, worker_names, class_names, Votes(task_ids, worker_ids, class_ids, *sizes))
 
 

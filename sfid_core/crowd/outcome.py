@@ -1,15 +1,16 @@
 """What a batch method makes of a set of labels, and how ties are settled."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from sfid_core.chance import below, stream
-from sfid_core.crowd.em import Floats, Ints, Votes
+from sfid_core.crowd.em import Floats, Votes
 from sfid_core.crowd.evidence import TIE
 from sfid_core.crowd.labels import Name
+from sfid_core.learning.parameters import ParameterError
 
 
 class Outcome(NamedTuple):
@@ -67,11 +68,15 @@ def decided(
     return classes
 
 
-def accuracy(classes: Sequence[int | None], truth: Ints) -> float:
-    """Return the share of tasks with a known truth (0 or more) that got it; an abstention did not."""
-    known = np.flatnonzero(truth >= 0).tolist()
-    right = sum(classes[task] == int(truth[task]) for task in known)
-    return right / len(known)
+def accuracy(answers: Mapping[Name, Name | None], truth: Mapping[Name, Name]) -> float:
+    """Return the share of the answered tasks with a known truth that got it right; an abstention did not.
+
+    Raises: ParameterError when no task has a known truth.
+    """
+    known = [task for task in answers if task in truth]
+    if not known:
+        raise ParameterError("no task of the labels has a known truth: both files must name the same tasks")
+    return sum(answers[task] == truth[task] for task in known) / len(known)
 
 
 def _drawn(seed: int, task: Name, n: int) -> int:
