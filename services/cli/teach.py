@@ -1,5 +1,6 @@
-"""`sfid teach keyboard|scripted`: one teacher."""
+"""`sfid teach keyboard|scripted|crowd`: one teacher, or a simulated crowd of them."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -12,9 +13,11 @@ from services.cli.options import (
     ENDPOINT,
     Connect,
     Deployment,
+    Json,
     Seed,
     SupervisedFd,
     Verbose,
+    print_json,
 )
 from services.cli.waiting import service_bus
 from services.runtime.process import ProcessConfig, ServiceProcess
@@ -94,3 +97,55 @@ def keyboard(
         raise typer.Exit(run(config, bus))
     finally:
         bus.close()
+
+
+@teach_app.command()
+def crowd(  # noqa: PLR0917 - one argument a flag
+    session: SessionOption,
+    mix: Annotated[
+        str,
+        typer.Option(
+            help="Who is in it: KIND:COUNT or KIND@ACCURACY:COUNT, several parted by commas. Kinds: expert, "
+            "good (0.8), careless (0.6), random, constant, adversary (0)."
+        ),
+    ] = "good:12,random:5,adversary:3",
+    workers: Annotated[
+        int | None, typer.Option(help="How many they are together; checked against the mix.")
+    ] = None,
+    name: Annotated[str, typer.Option(help="How the workers' pseudonyms begin.")] = "w",
+    delay_ms: Annotated[
+        int, typer.Option(help="Mean thinking time in ms; each worker has one of their own.")
+    ] = 0,
+    dropout_rate: Annotated[
+        float, typer.Option(help="Probability that a worker leaves at a decision, 0 to 1.")
+    ] = 0.0,
+    away_ms: Annotated[int, typer.Option(help="How long one who left stays away, in ms; 0: for good.")] = 0,
+    seed: Seed = 0,
+    connect: Connect = ENDPOINT,
+    deployment: Annotated[
+        str, typer.Option(help="Deployment of the crowd: the aggregator's, not the learner's.")
+    ] = "local-crowd",
+    as_json: Json = False,
+    verbose: Verbose = False,
+    supervised_fd: SupervisedFd = None,
+) -> None:
+    """Teach by a simulated crowd: many workers in one process, each with faults and a pace of their own."""
+    from services.teachers.crowd import CrowdConfig, run
+    from services.teachers.crowd_mix import parse_mix
+
+    keys = _names(session, name, deployment)
+    specs = parse_mix(mix, name)
+    if workers is not None and workers != len(specs):
+        message = (
+            f"the mix has {len(specs)} workers, --workers says {workers}: leave --workers out or mend one"
+        )
+        raise CommandError(message)
+    config = CrowdConfig(session, specs, seed, delay_ms, dropout_rate, away_ms, keys.deployment)
+    process = ServiceProcess(ProcessConfig(f"crowd-{name}", supervised_fd, verbose))
+    bus = service_bus(connect, process.stop)
+    try:
+        results = run(config, bus, process.ready, process.stop)
+    finally:
+        bus.close()
+    if as_json:
+        print_json({"workers": [asdict(result) for result in results]})
