@@ -72,6 +72,19 @@ def curve_lines(summaries: Sequence[ArmSummary], measure: Measure) -> tuple[Line
     )
 
 
+def total_grid(summaries: Sequence[ArmSummary], total: str, title: str) -> Grid:
+    """Return a total of every arm as a grid, methods by teachers; what was not run stays empty."""
+    methods = list(dict.fromkeys(summary.method for summary in summaries))
+    teachers = list(dict.fromkeys(summary.teacher for summary in summaries))
+    cells = np.full((3, len(methods), len(teachers)), np.nan)
+    for summary in summaries:
+        if total in summary.totals:
+            mean, (lo, hi) = summary.totals[total]
+            cells[:, methods.index(summary.method), teachers.index(summary.teacher)] = mean, lo, hi
+    rows = tuple(NAMES.get(method, method) for method in methods)
+    return Grid(title, rows, tuple(teachers), cells[0], cells[1], cells[2])
+
+
 def write_curves(
     panels: Sequence[Panel], stem: Path, note: str = "", width: Width = Width.COLUMN
 ) -> tuple[Path, Path]:

@@ -148,3 +148,21 @@ def inputs_until(inputs: npt.ArrayLike, episodes: npt.NDArray[np.int64]) -> Floa
     before = np.arange(table.shape[1]) < last[:, np.newaxis]
     sums: Floats = (table * before).sum(axis=1)
     return sums
+
+
+def agreement_totals(
+    agreement: npt.ArrayLike, inputs: npt.ArrayLike, threshold: float, n_lasting: int
+) -> dict[str, Floats]:
+    """Return what an arm's totals say of agreement, each float64 [n_seeds].
+
+    Args: as `onset` and `inputs_until`. Returns: `agreement` after the last episode, `agreed` 1 or 0,
+    `episodes_to_agreement` and `labels_to_agreement`, in which censored seeds count with the whole run.
+    """
+    table = np.asarray(agreement, dtype=np.float64)
+    found = onset(table, threshold, n_lasting, Resampling(resamples=100))
+    return {
+        "agreement": table[:, -1],
+        "agreed": (found.episodes != CENSORED).astype(np.float64),
+        "episodes_to_agreement": found.needed(),
+        "labels_to_agreement": inputs_until(inputs, found.episodes),
+    }

@@ -13,6 +13,7 @@ from sfid_core.experiments.summary import FOUNDING_MEASURES, Arm, Measure
 
 LABELS, REWARD = "sfid", "reward"
 EXPERT, NAIVE = "expert", "naive"
+TIME = "teaching_time_s"
 
 WORDS = {
     Measure.ABS_TD_ERROR: "|TD error|",
@@ -33,7 +34,9 @@ def founding_claims(
 ) -> tuple[Claim, ...]:
     """Return the paper's claims on four arms: sfid and reward, each with the teachers expert and naive.
 
-    Each claim is on the mean over a seed's episodes. Raises: ExperimentError where an arm is missing.
+    Each claim is on the mean over a seed's episodes. Where all four arms have the total `teaching_time_s`,
+    the paper's word on it is claimed too: equal with the expert, less with the naive teacher.
+    Raises: ExperimentError where an arm is missing.
     """
     by_name = {(arm.method, arm.teacher): arm for arm in arms}
     wanted = [(method, teacher) for teacher in (EXPERT, NAIVE) for method in (LABELS, REWARD)]
@@ -41,7 +44,10 @@ def founding_claims(
     if missing:
         raise ExperimentError(f"the paper's claims need the arm {missing[0]}: add it to the experiment")
     four = {name: by_name[name] for name in wanted}
-    return (*_equal(four, margin_share), *_better(four, resampling), *_worst(four, resampling))
+    claims = (*_equal(four, margin_share), *_better(four, resampling), *_worst(four, resampling))
+    if any(TIME not in arm.totals for arm in four.values()):
+        return claims
+    return (*claims, *_time(four, resampling, margin_share))
 
 
 def _equal(four: Mapping[tuple[str, str], Arm], margin_share: float) -> list[Claim]:
@@ -83,4 +89,23 @@ def _worst(four: Mapping[tuple[str, str], Arm], resampling: Resampling) -> list[
             resampling,
         )
         for measure, direction in _WORSE.items()
+    ]
+
+
+def _time(four: Mapping[tuple[str, str], Arm], resampling: Resampling, margin_share: float) -> list[Claim]:
+    times = {name: arm.totals[TIME] for name, arm in four.items()}
+    return [
+        is_equivalent(
+            "with the expert, sfid and reward are equivalent in teaching time",
+            times[LABELS, EXPERT],
+            times[REWARD, EXPERT],
+            margin_share,
+        ),
+        differs(
+            "with the naive teacher, sfid needs less teaching time than reward",
+            times[LABELS, NAIVE],
+            times[REWARD, NAIVE],
+            Direction.LESS,
+            resampling,
+        ),
     ]

@@ -39,6 +39,10 @@ FOUNDING_MEASURES = (
 )
 
 
+SHARES = frozenset({"agreed"})
+"""Totals that are 1 or 0 for each seed; their mean is a share of seeds."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Arm:
     """One condition's results; arms of one experiment have the same seeds in the same order.
@@ -106,7 +110,8 @@ class ArmSummary:
 def summarise(arms: Sequence[Arm], resampling: Resampling) -> tuple[ArmSummary, ...]:
     """Return each arm's means and intervals, all made from the same resamples of seeds.
 
-    Intervals are bootstrap intervals, but Wilson's for SOLVED, where many columns are all 1.
+    Intervals are bootstrap intervals, but Wilson's for shares of seeds (SOLVED and `SHARES`), which are
+    often all 1.
     Raises: ExperimentError.
     """
     return tuple(_summary(arm, resampling) for arm in arms)
@@ -124,10 +129,15 @@ def _summary(arm: Arm, resampling: Resampling) -> ArmSummary:
         stacked = np.stack([arm.measures[measure] for measure in resampled], axis=1)
         found = mean_intervals(stacked, resampling)
         intervals |= {measure: found[position] for position, measure in enumerate(resampled)}
-    totals = {
-        name: (float(exact_means(column)), mean_interval(column, resampling))
-        for name, column in arm.totals.items()
-    }
+    totals = {name: _total(name, column, resampling) for name, column in arm.totals.items()}
     seeds = next(len(table) for table in (*arm.measures.values(), *arm.totals.values()))
     ordered = {measure: intervals[measure] for measure in arm.measures}
     return ArmSummary(arm.method, arm.teacher, seeds, means, ordered, totals)
+
+
+def _total(name: str, column: Floats, resampling: Resampling) -> tuple[float, Interval]:
+    mean = float(exact_means(column))
+    if name in SHARES:
+        lo, hi = wilson_intervals(mean, len(column), resampling.level).tolist()
+        return mean, Interval(lo, hi)
+    return mean, mean_interval(column, resampling)

@@ -5,6 +5,7 @@ import pytest
 
 from sfid_core.experiments.agreement import (
     CENSORED,
+    agreement_totals,
     greedy_visits,
     inputs_until,
     onset,
@@ -13,6 +14,7 @@ from sfid_core.experiments.agreement import (
 )
 from sfid_core.experiments.errors import ExperimentError
 from sfid_core.experiments.intervals import Resampling
+from sfid_core.experiments.summary import Arm, summarise
 
 # A corridor 0 - 1 - 2 - 3 with the goal at 3: action 0 goes left, 1 goes right.
 SUCCESSOR = np.array([[0, 1], [0, 2], [1, 3], [3, 3]], dtype=np.int32)
@@ -109,3 +111,18 @@ def test_stretches_that_do_not_fit_into_the_run_are_refused() -> None:
     for n_lasting in (0, 6):
         with pytest.raises(ExperimentError, match="a stretch of 1 to n_episodes"):
             onset(AGREEMENT, 0.9, n_lasting, Resampling())
+
+
+def test_the_totals_of_an_arm_say_what_came_of_agreement() -> None:
+    inputs = np.tile([10, 8, 6, 4, 2], (5, 1))
+    found = agreement_totals(AGREEMENT, inputs, 0.9, 2)
+    assert {name: column.tolist() for name, column in found.items()} == {
+        "agreement": [0.9, 0.2, 0.1, 0.9, 0.1],
+        "agreed": [1, 1, 1, 0, 0],
+        "episodes_to_agreement": [1, 2, 0, 5, 5],
+        "labels_to_agreement": [10, 18, 0, 30, 30],
+    }
+    (summary,) = summarise([Arm("sfid", "expert", {}, found)], Resampling())
+    share, ci = summary.totals["agreed"]
+    assert share == 0.6
+    assert ci == pytest.approx((0.2307, 0.8824), abs=1e-4)

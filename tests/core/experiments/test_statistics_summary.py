@@ -101,6 +101,22 @@ def test_the_papers_pattern_is_not_shown_on_results_without_it() -> None:
     assert verdicts(unequal) == [False] * 4 + [True] * 2 + [False] * 4
 
 
+def test_teaching_time_is_claimed_where_it_was_measured() -> None:
+    arms = four_arms({})
+    seconds = np.random.default_rng(9).gamma(20, size=N_SEEDS)
+    factors = (1.0, 1.01, 1.2, 1.5)
+    timed = [
+        Arm(arm.method, arm.teacher, arm.measures, {"teaching_time_s": seconds * factor})
+        for arm, factor in zip(arms, factors, strict=True)
+    ]
+    claims = founding_claims(timed, Resampling())
+    assert claims[:10] == founding_claims(arms, Resampling())
+    assert [(claim.claim, claim.holds) for claim in claims[10:]] == [
+        ("with the expert, sfid and reward are equivalent in teaching time", True),
+        ("with the naive teacher, sfid needs less teaching time than reward", True),
+    ]
+
+
 def test_a_missing_arm_is_named() -> None:
     with pytest.raises(ExperimentError, match="the paper's claims need the arm reward, naive"):
         founding_claims(four_arms({})[:3], Resampling())

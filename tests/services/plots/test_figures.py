@@ -15,11 +15,18 @@ from matplotlib.colors import to_hex, to_rgb
 
 from services.plots.curves import draw_curves
 from services.plots.dots import draw_dots
-from services.plots.figures import curve_lines, write_curves, write_dots, write_figure2, write_heat_table
+from services.plots.figures import (
+    curve_lines,
+    total_grid,
+    write_curves,
+    write_dots,
+    write_figure2,
+    write_heat_table,
+)
 from services.plots.heat_table import draw_heat_table, short
 from services.plots.model import Grid, Line, Panel, PlotError, Width
 from services.plots.style import DASHES, HUES
-from sfid_core.experiments.intervals import Resampling
+from sfid_core.experiments.intervals import Interval, Resampling
 from sfid_core.experiments.summary import FOUNDING_MEASURES, Arm, ArmSummary, Measure, summarise
 
 CONDITIONS = [("sfid", "expert"), ("reward", "expert"), ("sfid", "naive"), ("reward", "naive")]
@@ -180,6 +187,17 @@ def test_a_heat_table_writes_every_value_with_its_interval() -> None:
     shades = [sum(to_rgb(patch.get_facecolor())) for patch in figure.axes[0].patches]
     assert len(shades) == 5
     assert sorted(shades, reverse=True) == [shades[4], shades[0], shades[3], shades[2], shades[1]]
+
+
+def test_totals_of_arms_become_a_grid_of_methods_by_teachers() -> None:
+    def arm(method: str, teacher: str, mean: float) -> ArmSummary:
+        return ArmSummary(method, teacher, 9, {}, {}, {"success": (mean, Interval(mean - 0.1, mean + 0.2))})
+
+    found = total_grid([arm("sfid", "a", 0.5), arm("coach", "b", 0.6), arm("sfid", "b", 0.7)], "success", "t")
+    assert (found.title, found.rows, found.columns) == ("t", ("SfID", "coach"), ("a", "b"))
+    assert found.values == pytest.approx(np.array([[0.5, 0.7], [np.nan, 0.6]]), nan_ok=True)
+    assert found.lo == pytest.approx(np.array([[0.4, 0.6], [np.nan, 0.5]]), nan_ok=True)
+    assert found.hi == pytest.approx(np.array([[0.7, 0.9], [np.nan, 0.8]]), nan_ok=True)
 
 
 def test_column_names_are_broken_where_they_do_not_fit() -> None:
