@@ -34,6 +34,7 @@ class Audit:
         head: SQLite's head, None when it could not be read.
         ahead: rows behind SQLite's head that only the mirror holds, proven; `seq` counts them.
         ahead_commits: in how many commits they were written.
+        behind: canonical bytes of the rows of SQLite's last commit, when the mirror ends before it; counted.
         mirror_end: the offset behind the last proven frame.
         torn_bytes: how many bytes of an unfinished write follow it.
         problems: one line each, empty when all is proven.
@@ -46,12 +47,17 @@ class Audit:
     head: Head | None = None
     ahead: list[Record] = field(default_factory=list)
     ahead_commits: int = 0
+    behind: list[bytes] = field(default_factory=list)
     mirror_end: int = TITLE_FRAME_BYTES
     torn_bytes: int = 0
     problems: list[str] = field(default_factory=list)
 
-    def take(self, record: Record, mirrored: bytes | None, at: int) -> int:
-        """Prove the next row, also against `mirrored` at `at`; return its size or raise BrokenChainError."""
+    def take(self, record: Record, mirrored: bytes | None = None, at: int = 0) -> bytes:
+        """Prove the next row, also against `mirrored` at `at`; return its canonical bytes.
+
+        Raises:
+            BrokenChainError: it does not follow, or is not what stands in `mirrored`.
+        """
         encoded = proven(self.chain, record)
         if record.seq != self.seq + 1 or (mirrored is not None and not mirrored.startswith(encoded, at)):
             raise BrokenChainError(record.seq)
@@ -60,7 +66,7 @@ class Audit:
         self.sessions.add(record.session)
         if record.kind == LABEL_KIND:
             self.labels += 1
-        return len(encoded)
+        return encoded
 
 
 def audit(directory: Path, *, live: bool) -> Audit:
@@ -106,25 +112,18 @@ def _compare(found: Audit, directory: Path, db: sqlite3.Connection, *, live: boo
     (last,) = db.execute("SELECT coalesce(max(seq), 0) FROM rows").fetchone()
     db.execute("COMMIT")
     records = read_records(db, None, 0, head.seq)
-    # Opened after the head was read: every row up to the head was in the mirror before it was in SQLite.
+    # Opened after the head was read: all but SQLite's last commit was in the mirror by then.
     with MirrorReader(directory) as mirror:
-        if mirror.shard_id != head.shard_id or last != head.seq:
+        if mirror.shard_id != head.shard_id or last != head.seq or not 0 <= head.seq_before <= last:
             found.problems.append(f"{directory}: the head in {SQLITE_NAME} is damaged")
             return
         found.chain = genesis(head.shard_id)
-        _walk(found, records, mirror, live=live)
-        if found.problems:
-            return
-        if next(records, None) is not None:
-            found.problems.append(f"{mirror.path}: ends at row {found.seq}, SQLite at row {head.seq}")
-        elif not live:
+        _walk(found, head, records, mirror, live=live)
+        if not found.problems and not live:
             _judge_tail(found, mirror)
 
 
-def _walk(found: Audit, records: Iterator[Record], mirror: MirrorReader, *, live: bool) -> None:
-    head = found.head
-    if head is None:
-        return
+def _walk(found: Audit, head: Head, records: Iterator[Record], mirror: MirrorReader, *, live: bool) -> None:
     try:
         for group in mirror.groups():
             if found.seq < head.seq:
@@ -135,7 +134,12 @@ def _walk(found: Audit, records: Iterator[Record], mirror: MirrorReader, *, live
                 _check_head(found, head)
                 _run_ahead(found, group)
             found.mirror_end = group.end
-        if not found.ahead:
+        if found.seq == head.seq_before:
+            rest = [found.take(record) for record in records]
+            found.behind = [] if live else rest
+        if found.seq < head.seq:
+            found.problems.append(f"{mirror.path}: ends at row {found.seq}, SQLite at row {head.seq}")
+        elif not found.ahead:
             _check_head(found, head)
     except (BrokenChainError, ValueError):
         found.problems.append(
@@ -150,7 +154,7 @@ def _match(found: Audit, records: Iterator[Record], group: Frame) -> None:
         record = next(records, None)
         if record is None:
             raise BrokenChainError(found.seq + 1)
-        at += found.take(record, payload, at)
+        at += len(found.take(record, payload, at))
 
 
 def _check_head(found: Audit, head: Head) -> None:
@@ -161,7 +165,7 @@ def _check_head(found: Audit, head: Head) -> None:
 def _run_ahead(found: Audit, group: Frame) -> None:
     found.ahead_commits += 1
     for record in decode_group(group.payload):
-        found.take(record, None, 0)
+        found.take(record)
         found.ahead.append(record)
 
 

@@ -1,4 +1,4 @@
-"""The mirror of a shard: an append-only log of framed groups, synced in the same commit as SQLite.
+"""The mirror of a shard: an append-only log of framed groups, synced beside the commit of SQLite.
 
 The first frame holds the format's name and the shard's id; every later frame holds one commit's rows.
 """
@@ -14,6 +14,7 @@ from typing import Self
 
 from protocol.framing import HEADER_BYTES, Frame, frame, frames
 from services.runtime.journal.errors import JournalError, translated
+from services.runtime.journal.syncer import Syncer
 
 MIRROR_NAME = "journal.mirror"
 SHARD_ID_BYTES = 16
@@ -27,27 +28,41 @@ class Mirror:
     """The writer's end of the log. Its methods raise JournalFull or JournalError.
 
     Attributes:
-        end: the offset after the last frame that was synced.
+        end: the offset after the last frame that counts.
+        in_doubt: whether a sync was begun and has not succeeded: what stands behind `end` is then unknown.
     """
 
     def __init__(self, directory: Path, end: int) -> None:
         """Open the existing log in `directory`, whose last whole frame ends at `end`."""
         self.path = directory / MIRROR_NAME
         self.end = end
+        self.in_doubt = False
+        self._written = end
         with translated(self.path):
             self._fd = os.open(self.path, os.O_WRONLY | os.O_CLOEXEC)
+        self._syncer = Syncer(self._fd)
 
-    def append(self, group: bytes) -> int:
-        """Write one frame around `group` and sync it; return where it ends. `end` moves only by `settle`."""
+    def write(self, group: bytes) -> None:
+        """Write one frame around `group` behind `end`, not yet synced."""
         data = frame(group)
         with translated(self.path):
             write_at(self._fd, data, self.end)
-            os.fdatasync(self._fd)
-        return self.end + len(data)
+        self._written = self.end + len(data)
 
-    def settle(self, end: int) -> None:
-        """Take the frame that ends at `end` as part of the log."""
-        self.end = end
+    def start_sync(self) -> None:
+        """Have the written frame synced by another thread; `wait_synced` comes before anything else."""
+        self.in_doubt = True
+        self._syncer.start()
+
+    def wait_synced(self) -> None:
+        """Return when the frame is synced; it is part of the log only after `settle`."""
+        with translated(self.path):
+            self._syncer.wait()
+        self.in_doubt = False
+
+    def settle(self) -> None:
+        """Take the written frame as part of the log."""
+        self.end = self._written
 
     def cut(self) -> None:
         """Drop what stands behind `end`, so that a full disk gets its bytes back."""
@@ -58,6 +73,7 @@ class Mirror:
         """Close the file."""
         # A number closed twice could be somebody else's file by then.
         fd, self._fd = self._fd, -1
+        self._syncer.close()
         # An error here says nothing new: what mattered was synced before, or reported then.
         if fd >= 0:
             with suppress(OSError):

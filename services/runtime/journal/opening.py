@@ -41,18 +41,39 @@ def open_files(directory: Path) -> Opened:
             # An older owner, cut off only now, committed while the files were read.
             found = _sound(directory)
         if found.ahead:
-            store.advance(head.epoch, found.ahead)
-            store.commit()
+            store.advance(head.epoch, found.ahead[-1])
+            store.commit(found.ahead)
             notes = (*notes, f"{store.path}: {len(found.ahead)} rows completed from the mirror")
-        mirror = Mirror(directory, found.mirror_end)
-        mirror.cut()
-        if found.torn_bytes:
-            notes = (*notes, f"{mirror.path}: {found.torn_bytes} bytes of an unfinished write cut")
-        write_epoch(directory, head.epoch)
+        mirror, mended = _opened_mirror(directory, found)
+        try:
+            write_epoch(directory, head.epoch)
+        except BaseException:
+            mirror.close()
+            raise
     except BaseException:
         store.close()
         raise
-    return Opened(store, mirror, head._replace(seq=found.seq, chain=found.chain), notes)
+    return Opened(store, mirror, head._replace(seq=found.seq, chain=found.chain), (*notes, *mended))
+
+
+def _opened_mirror(directory: Path, found: Audit) -> tuple[Mirror, tuple[str, ...]]:
+    """Return the mirror, cut behind its last whole frame and completed from SQLite, and what was mended."""
+    notes: tuple[str, ...] = ()
+    mirror = Mirror(directory, found.mirror_end)
+    try:
+        mirror.cut()
+        if found.torn_bytes:
+            notes = (f"{mirror.path}: {found.torn_bytes} bytes of an unfinished write cut",)
+        if found.behind:
+            mirror.write(b"".join(found.behind))
+            mirror.start_sync()
+            mirror.wait_synced()
+            mirror.settle()
+            notes = (*notes, f"{mirror.path}: {len(found.behind)} rows completed from SQLite")
+    except BaseException:
+        mirror.close()
+        raise
+    return mirror, notes
 
 
 def _recovered(directory: Path) -> tuple[tuple[str, ...], Audit]:

@@ -96,12 +96,13 @@ def _prove(directory: Path, store: _Source, mirror: _Source) -> tuple[bytes, lis
     shard_id, proof = best
     head = store.head
     end = _end_of([record for record, _ in proof], shard_id)
-    # A head that names more rows is believed, unless its chain value or the mirror shows the chain ends here.
+    # A head that names more rows is believed, unless its chain value or the mirror shows the chain ends here;
+    # a mirror that ends where the head's last commit begins shows nothing: a crash leaves it so.
     short = (
         head is not None
         and head.seq > end[0]
         and head.chain != end[1]
-        and max(mirror.records, default=0) != end[0]
+        and (max(mirror.records, default=0) != end[0] or head.seq_before == end[0])
     )
     if shard_id and len(proof) == last and not short:
         return shard_id, proof
@@ -183,7 +184,8 @@ def _read_store(directory: Path, mirrored: int) -> _Source:
 def _is_plausible(head: Head) -> bool:
     # STRICT columns fix the types; what a damaged file can still change is their values.
     sizes = (len(head.shard_id), len(head.chain))
-    return head.seq >= 0 and head.epoch >= 0 and sizes == (SHARD_ID_BYTES, HASH_BYTES)
+    numbers = head.epoch >= 0 and 0 <= head.seq_before <= head.seq
+    return numbers and sizes == (SHARD_ID_BYTES, HASH_BYTES)
 
 
 def _readable(db: sqlite3.Connection, directory: Path, mirrored: int) -> Iterator[Record]:

@@ -34,12 +34,12 @@ def shard_directory(data_dir: Path, shard: int) -> Path:
 class Shard:
     """The writer of one shard; open it with `Shard.open`, not for two threads at once.
 
-    A commit writes and syncs the mirror, then commits SQLite, whose transaction first proves that this writer
-    still owns the epoch. When `commit` fails, nothing of the group counts as written and all of it stays
-    pending: commit again, or `discard_pending`. After `JournalFull` the same files are used again. After any
-    other error they are not trusted: the next commit or discard opens them anew and verifies them, and rows
-    that did reach the disk are known by their chain value and not written twice. After `JournalFenced` no
-    commit can succeed.
+    A commit begins a transaction that proves that this writer still owns the epoch, writes the mirror, and
+    then syncs the mirror while it commits SQLite. When `commit` fails, nothing of the group counts as written
+    and all of it stays pending: commit again, or `discard_pending`. After `JournalFull` the same files are
+    used again. After any other error, and after any failed sync of the mirror, they are not trusted: the next
+    commit or discard opens them anew and verifies them, and rows that did reach the disk are known by their
+    chain value and not written twice. After `JournalFenced` no commit can succeed.
 
     Attributes:
         directory: where the files are.
@@ -145,14 +145,15 @@ class Shard:
             return
         self._lock.check()
         try:
-            self._store.advance(self.epoch, group.records)
-            end = self._mirror.append(b"".join(group.encoded))
-            self._store.commit()
+            self._store.advance(self.epoch, group.records[-1])
+            self._mirror.write(b"".join(group.encoded))
+            self._sync_both()
         except BaseException as error:
-            self._suspect = not isinstance(error, (JournalFull, JournalFenced))
+            # A mirror in doubt may go with a SQLite that has committed, whatever the error says.
+            self._suspect = self._mirror.in_doubt or not isinstance(error, (JournalFull, JournalFenced))
             self._undo()
             raise
-        self._mirror.settle(end)
+        self._mirror.settle()
         self.syncs += 2
         self._head = self._head._replace(seq=group.seq, chain=group.chain)
         group.restart(group.seq, group.chain)
@@ -239,6 +240,14 @@ class Shard:
         self.epoch = head.epoch
         self.notes = (*self.notes, *notes)
         self._suspect = False
+
+    def _sync_both(self) -> None:
+        """Commit SQLite while the mirror is synced; return when both are durable."""
+        self._mirror.start_sync()
+        try:
+            self._store.commit(self._group.records)
+        finally:
+            self._mirror.wait_synced()
 
     def _undo(self) -> None:
         """Take the failed group out of both files; what cannot be taken out makes them suspect."""

@@ -25,7 +25,8 @@ BATCH_ROWS = 4096
 
 SCHEMA = {
     "head": "CREATE TABLE head (one INTEGER PRIMARY KEY CHECK (one = 1), shard_id BLOB NOT NULL, "
-    "epoch INTEGER NOT NULL, seq INTEGER NOT NULL, chain BLOB NOT NULL) STRICT",
+    "epoch INTEGER NOT NULL, seq INTEGER NOT NULL, chain BLOB NOT NULL, "
+    "seq_before INTEGER NOT NULL) STRICT",
     "rows": "CREATE TABLE rows (seq INTEGER PRIMARY KEY, session TEXT NOT NULL, kind TEXT NOT NULL, "
     "at_ns INTEGER NOT NULL, answer_id BLOB, person TEXT, salt BLOB, body BLOB, "
     "seal BLOB NOT NULL, chain BLOB NOT NULL) STRICT",
@@ -40,16 +41,25 @@ _FIND = f"{_SELECT} WHERE session = ? AND answer_id = ? AND answer_id IS NOT NUL
 _WITHIN = f"seq > ? AND seq <= ? ORDER BY seq LIMIT {BATCH_ROWS}"
 _PAGE = f"{_SELECT} WHERE {_WITHIN}"
 _PAGE_OF_SESSION = f"{_SELECT} INDEXED BY rows_session WHERE session = ? AND {_WITHIN}"
-_ADVANCE = "UPDATE head SET seq = ?, chain = ? WHERE one = 1 AND epoch = ?"
+_HEAD = "shard_id, epoch, seq, chain, seq_before"
+_FIRST_HEAD = f"INSERT INTO head (one, {_HEAD}) VALUES (1, ?, ?, ?, ?, ?)"  # noqa: S608 - constants
+_READ_HEAD = f"SELECT {_HEAD} FROM head WHERE one = 1"  # noqa: S608 - constants
+# On the right of an assignment `seq` is still the old one.
+_ADVANCE = "UPDATE head SET seq_before = seq, seq = ?, chain = ? WHERE one = 1 AND epoch = ?"
 
 
 class Head(NamedTuple):
-    """Where the chain stands and who may lengthen it."""
+    """Where the chain stands and who may lengthen it.
+
+    Attributes:
+        seq_before: where it stood before the last commit; a crash may leave the mirror there, nowhere else.
+    """
 
     shard_id: bytes
     epoch: int
     seq: int
     chain: bytes
+    seq_before: int
 
 
 class Store:
@@ -89,19 +99,18 @@ class Store:
             self._db.execute("COMMIT")
         return head._replace(epoch=epoch)
 
-    def advance(self, epoch: int, records: Sequence[Record]) -> None:
-        """Begin a transaction that owns the file at `epoch` and put `records` into it, not yet committed."""
+    def advance(self, epoch: int, last: Record) -> None:
+        """Begin a transaction that owns the file at `epoch` and in which the head stands at row `last`."""
         with translated(self.path):
             self._db.execute("BEGIN IMMEDIATE")
-            changed = self._db.execute(_ADVANCE, (records[-1].seq, records[-1].chain, epoch)).rowcount
-            if changed != 1:
+            if self._db.execute(_ADVANCE, (last.seq, last.chain, epoch)).rowcount != 1:
                 message = f"{self.path}: a newer learner has taken this shard over; stop this one"
                 raise JournalFenced(message)
-            self._db.executemany(_INSERT, records)
 
-    def commit(self) -> None:
-        """Make the transaction durable: one sync of the WAL."""
+    def commit(self, records: Sequence[Record]) -> None:
+        """Put the rows into the transaction and make it durable: one sync of the WAL."""
         with translated(self.path):
+            self._db.executemany(_INSERT, records)
             self._db.execute("COMMIT")
 
     def roll_back(self) -> None:
@@ -144,9 +153,9 @@ class Store:
 def create_store(path: Path, shard_id: bytes, epoch: int, records: Sequence[Record]) -> None:
     """Write a new SQLite file at `path` (which must not exist) that holds `records`, durable on return."""
     head = (
-        (shard_id, epoch, records[-1].seq, records[-1].chain)
+        Head(shard_id, epoch, records[-1].seq, records[-1].chain, records[-1].seq)
         if records
-        else (shard_id, epoch, 0, genesis(shard_id))
+        else Head(shard_id, epoch, 0, genesis(shard_id), 0)
     )
     with translated(path):
         # SQLite gives the file its own mode; creating it first keeps it private from its first byte.
@@ -158,7 +167,7 @@ def create_store(path: Path, shard_id: bytes, epoch: int, records: Sequence[Reco
             db.execute("BEGIN IMMEDIATE")
             for statement in SCHEMA.values():
                 db.execute(statement)
-            db.execute("INSERT INTO head (one, shard_id, epoch, seq, chain) VALUES (1, ?, ?, ?, ?)", head)
+            db.execute(_FIRST_HEAD, head)
             db.executemany(_INSERT, records)
             db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
             db.execute("COMMIT")
@@ -208,7 +217,7 @@ def check_version(db: sqlite3.Connection, path: Path) -> None:
 
 def read_head(db: sqlite3.Connection, path: Path) -> Head:
     """Return the committed head; JournalError when its row is not what was written."""
-    found = db.execute("SELECT shard_id, epoch, seq, chain FROM head WHERE one = 1").fetchone()
+    found = db.execute(_READ_HEAD).fetchone()
     if found is None:
         message = f"{path}: its head is missing; opening the shard rebuilds it from the mirror"
         raise JournalError(message)

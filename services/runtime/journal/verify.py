@@ -114,6 +114,8 @@ def _audited(directory: Path) -> Audit:
 def _notes(directory: Path, found: Audit) -> Iterator[str]:
     if found.ahead:
         yield f"{directory}: {len(found.ahead)} rows are in the mirror alone; the next open completes SQLite"
+    if found.behind:
+        yield f"{directory}: {len(found.behind)} rows are in SQLite alone; the next open completes the mirror"
     if found.torn_bytes:
         yield f"{directory}: {found.torn_bytes} bytes of an unfinished write; the next open cuts them"
 

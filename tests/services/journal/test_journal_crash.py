@@ -147,39 +147,134 @@ def test_after_a_failed_write_the_files_are_opened_anew_and_the_group_is_whole_o
     assert verify(tmp_path).problems == ()
 
 
-def traced(tmp_path: Path, *options: str) -> tuple[subprocess.CompletedProcess[str], str]:
+def traced(tmp_path: Path, *options: str, seed: int = 1) -> tuple[subprocess.CompletedProcess[str], str]:
     strace = shutil.which("strace")
     if strace is None:
         pytest.skip("needs strace")
     trace = tmp_path / "trace"
     command = [strace, "-f", "-qq", "-y", "-o", str(trace), *options]
-    done = subprocess.run(
-        [*command, sys.executable, str(WRITER), str(tmp_path / "data"), "1", "10"],
-        check=False,
-        capture_output=True,
-        text=True,
-        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
-        timeout=60,
-    )
-    if not trace.exists() or "fdatasync" not in trace.read_text():
+    with (tmp_path / "said").open("w") as said:
+        done = subprocess.run(
+            [*command, sys.executable, str(WRITER), str(tmp_path / "data"), str(seed), "10"],
+            check=False,
+            stdout=said,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
+            timeout=60,
+        )
+    done.stdout = (tmp_path / "said").read_text()
+    if not trace.exists() or not re.search("fdatasync|pwrite64", trace.read_text()):
         pytest.skip("strace may not trace here")
     return done, trace.read_text()
 
 
-def test_every_acknowledgement_follows_a_sync_of_the_mirror_and_then_of_sqlite(tmp_path: Path) -> None:
-    done, trace = traced(tmp_path, "-e", "trace=fdatasync,fsync,write")
-    assert done.returncode == 0
-    # m: the mirror synced, w: the WAL synced, a: one id acknowledged.
+def story_of(trace: str) -> str:
+    """Return what ended when: m the mirror's sync, w the WAL's sync, a one id's acknowledgement."""
     marks = {
         r"f(data)?sync\(.*journal\.mirror>": "m",
         r"f(data)?sync\(.*journal\.sqlite-wal>": "w",
         '"acked ': "a",
     }
-    story = "".join(
-        mark for line in trace.splitlines() for pattern, mark in marks.items() if re.search(pattern, line)
-    )
-    after_opening = story[re.search("mwa", story).start() :] if "mwa" in story else story  # type: ignore[union-attr]
-    assert re.fullmatch(r"(mwa{1,5}){10}[mw]*", after_opening), story
+    unfinished: dict[str, str] = {}
+    story = []
+    for line in trace.splitlines():
+        thread = line.split()[0]
+        mark = next((mark for pattern, mark in marks.items() if re.search(pattern, line)), "")
+        if "unfinished ..." in line:
+            unfinished[thread] = mark
+        elif "resumed>" in line:
+            story.append(unfinished.pop(thread, ""))
+        else:
+            story.append(mark)
+    return "".join(story)
+
+
+def test_every_acknowledgement_follows_a_finished_sync_of_the_mirror_and_one_of_sqlite(
+    tmp_path: Path,
+) -> None:
+    done, trace = traced(tmp_path, "-e", "trace=fdatasync,fsync,write")
+    assert done.returncode == 0
+    story = story_of(trace)
+    first = re.search("(mw|wm)a", story)
+    assert first is not None, story
+    assert re.fullmatch(r"((mw|wm)a{1,5}){10}[mw]*", story[first.start() :]), story
+
+
+@pytest.mark.parametrize("name, mark", [("journal.mirror", "m"), ("journal.sqlite-wal", "w")])
+def test_the_acknowledgement_waits_for_whichever_of_the_two_syncs_is_late(
+    tmp_path: Path, name: str, mark: str
+) -> None:
+    Shard.open(tmp_path / "data").close()
+    late = ["-P", str(tmp_path / "data" / "shard-0" / name), "-e", "inject=fdatasync:delay_exit=20000"]
+    done, trace = traced(tmp_path, *late, "-P", str(tmp_path / "said"), "-e", "trace=fdatasync,write")
+    assert done.returncode == 0
+    story = story_of(trace)
+    assert re.fullmatch(f"{mark}*({mark}a{{1,5}}){{10}}{mark}*", story), story
+
+
+@pytest.mark.parametrize(
+    "name, call, when",
+    [
+        ("journal.mirror", "pwrite64", "2"),
+        ("journal.mirror", "pwrite64", "3..4"),
+        ("journal.mirror", "fdatasync", "2"),
+        ("journal.mirror", "fdatasync", "3..4"),
+        # The first calls on the WAL are those of the opening.
+        ("journal.sqlite-wal", "pwrite64", "7"),
+        ("journal.sqlite-wal", "pwrite64", "20..21"),
+        ("journal.sqlite-wal", "fdatasync", "4"),
+        ("journal.sqlite-wal", "fdatasync", "5..6"),
+    ],
+)
+@pytest.mark.parametrize("error", ["ENOSPC", "EIO"])
+def test_when_one_of_the_two_files_fails_the_other_is_brought_back_to_the_same_rows(
+    tmp_path: Path, name: str, call: str, when: str, error: str
+) -> None:
+    Shard.open(tmp_path / "data").close()
+    failing = tmp_path / "data" / "shard-0" / name
+    inject = f"inject={call}:error={error}:when={when}"
+    done, trace = traced(tmp_path, "-P", str(failing), "-e", f"trace={call}", "-e", inject)
+    assert trace.count("(INJECTED)") >= 1
+    assert trace.count(name) == trace.count(f"{call}(")
+    assert done.returncode == 0, done.stderr
+    # Each failure is the disk's own; none follows from how the one before it was handled.
+    errors = re.findall("^error .*", done.stdout, re.MULTILINE)
+    assert errors
+    assert [line for line in errors if not re.search("no space left|full|[Ii]nput/output|I/O", line)] == []
+    assert_kept_exactly_once(tmp_path / "data", acked_ids(done.stdout))
+    assert len(list(read_rows(tmp_path / "data"))) == len(acked_ids(done.stdout))
+    found = verify(tmp_path / "data")
+    assert (found.problems, found.notes) == ((), ())
+
+
+@pytest.mark.parametrize(
+    "name, call, whens",
+    [
+        ("journal.mirror", "pwrite64", range(1, 7)),
+        ("journal.mirror", "fdatasync", range(1, 7)),
+        ("journal.sqlite-wal", "pwrite64", range(7, 61, 9)),
+        ("journal.sqlite-wal", "fdatasync", range(4, 10)),
+    ],
+)
+def test_a_writer_killed_in_a_call_on_either_file_loses_no_acknowledged_row(
+    tmp_path: Path, name: str, call: str, whens: range
+) -> None:
+    acked: list[bytes] = []
+    Shard.open(tmp_path / "data").close()
+    failing = tmp_path / "data" / "shard-0" / name
+    for when in whens:
+        inject = f"inject={call}:error=EIO:signal=KILL:when={when}"
+        done, _ = traced(tmp_path, "-P", str(failing), "-e", f"trace={call}", "-e", inject, seed=when)
+        assert done.returncode != 0
+        acked += acked_ids(done.stdout)
+        assert verify(tmp_path / "data").problems == ()
+        assert_kept_exactly_once(tmp_path / "data", acked)
+    assert acked
+    with Shard.open(tmp_path / "data") as shard:
+        assert {row.unique for row in shard.rows()} >= set(acked)
+    found = verify(tmp_path / "data")
+    assert (found.problems, found.notes) == ((), ())
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 import shutil
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 
@@ -83,7 +83,7 @@ def test_a_flip_in_a_row_is_named_with_its_number(closed_journal: Path) -> None:
     assert "row 7 " in found.problems[0]
 
 
-def test_a_mirror_cut_at_any_byte_of_its_last_frame_is_completed_from_sqlite(
+def test_a_mirror_cut_at_any_byte_of_its_last_frame_is_completed_from_sqlite_to_the_same_bytes(
     closed_journal: Path, tmp_path: Path, rows: list[Row]
 ) -> None:
     last = one_more_commit(closed_journal)
@@ -92,9 +92,117 @@ def test_a_mirror_cut_at_any_byte_of_its_last_frame_is_completed_from_sqlite(
     shard = copied(closed_journal, tmp_path / "cut")
     for cut in range(start, end):
         (shard / "journal.mirror").write_bytes(whole[:cut])
-        assert not verify(shard.parent).ok
+        found = verify(shard.parent)
+        assert (found.problems, found.rows) == ((), len(rows) + 1)
+        assert "1 rows are in SQLite alone" in found.notes[0]
+        assert len(found.notes) == 1 + (cut > start)
+        assert list(read_rows(shard.parent)) == [*rows, last]
         assert reopened(shard.parent) == [*rows, last]
-    assert verify(shard.parent).problems == ()
+        assert (shard / "journal.mirror").read_bytes() == whole
+        assert verify(shard.parent).notes == ()
+    assert list(shard.glob("*.damaged-*")) == []
+
+
+def test_a_mirror_that_lacks_more_than_the_last_commit_is_damage_and_is_rebuilt(
+    closed_journal: Path, rows: list[Row]
+) -> None:
+    last = one_more_commit(closed_journal)
+    mirror = closed_journal / "shard-0" / "journal.mirror"
+    with mirror.open("rb") as log:
+        before_last = list(frames(log))[-2]
+    whole = mirror.read_bytes()
+    for cut in (before_last.start, before_last.end - 1):
+        mirror.write_bytes(whole[:cut])
+        found = verify(closed_journal)
+        assert found.problems == (f"{mirror}: ends at row 44, SQLite at row 49",)
+        assert reopened(closed_journal) == [*rows, last]
+        assert verify(closed_journal).notes == ()
+
+
+def test_a_mirror_cut_below_its_last_frame_with_bytes_behind_is_damage(
+    closed_journal: Path, rows: list[Row]
+) -> None:
+    last = one_more_commit(closed_journal)
+    mirror = closed_journal / "shard-0" / "journal.mirror"
+    with mirror.open("rb") as log:
+        *_, before_last, last_frame_of_log = frames(log)
+    content = mirror.read_bytes()
+    mirror.write_bytes(
+        content[: before_last.end] + b"?" + content[last_frame_of_log.start :],
+    )
+    assert "before its end" in verify(closed_journal).problems[0]
+    assert reopened(closed_journal) == [*rows, last]
+    assert verify(closed_journal).notes == ()
+
+
+def test_after_a_power_cut_the_last_commit_is_whole_when_either_file_kept_it_and_gone_when_neither_did(
+    crashed_journal: Path, tmp_path: Path, rows: list[Row]
+) -> None:
+    """The two are synced at the same time, so a power cut may leave any part of each."""
+    live = crashed_journal.parent / "two-commits"
+    shutil.copytree(crashed_journal, live)
+    with Shard.open(live) as writer:
+        writer.append("s9", "answer", b"before", at_ns=8)
+        writer.commit()
+        before = copied(live, tmp_path / "before")
+        writer.append("s9", "answer", b"last", at_ns=9, unique=b"9" * 16)
+        writer.commit()
+        after = copied(live, tmp_path / "after")
+    (after / "journal.sqlite-shm").unlink()
+    rng = random.Random(5)
+    kept = {}
+    for name in ("journal.mirror", "journal.sqlite-wal"):
+        old, new = (before / name).stat().st_size, (after / name).stat().st_size
+        assert old < new
+        kept[name] = [old, new, *(rng.randrange(old, new) for _ in range(8))]
+    whole = {name: (after / name).read_bytes() for name in kept}
+    for cut in kept["journal.mirror"]:
+        for wal_cut in kept["journal.sqlite-wal"]:
+            image = copied(after.parent, tmp_path / "image")
+            for name, size in (("journal.mirror", cut), ("journal.sqlite-wal", wal_cut)):
+                (image / name).write_bytes(whole[name][:size])
+            is_kept = cut == len(whole["journal.mirror"]) or wal_cut == len(whole["journal.sqlite-wal"])
+            found = verify(image.parent)
+            assert (found.problems, found.rows) == ((), len(rows) + 1 + is_kept)
+            bodies = [row.body for row in reopened(image.parent)[len(rows) :]]
+            assert bodies == [b"before", b"last"][: 1 + is_kept], (cut, wal_cut)
+            assert (verify(image.parent).problems, verify(image.parent).notes) == ((), ())
+
+
+def test_a_living_writer_whose_mirror_is_one_commit_late_is_sound_and_two_late_is_not(
+    tmp_path: Path, rows: list[Row], put: Callable[[Shard, Row], None]
+) -> None:
+    mirror = tmp_path / "shard-0" / "journal.mirror"
+    with Shard.open(tmp_path) as shard:
+        for row in rows[:3]:
+            put(shard, row)
+            shard.commit()
+        whole = mirror.read_bytes()
+        with mirror.open("rb") as log:
+            ends = [one.end for one in frames(log)]
+        mirror.write_bytes(whole[: ends[-2]])
+        late = verify(tmp_path)
+        mirror.write_bytes(whole[: ends[-3]])
+        later = verify(tmp_path)
+        mirror.write_bytes(whole)
+    assert (late.problems, late.rows, late.notes) == ((), 3, ())
+    assert later.problems == (f"{mirror}: ends at row 1, SQLite at row 3",)
+    assert verify(tmp_path).problems == ()
+
+
+def test_a_last_commit_whose_rows_are_in_neither_file_is_refused_though_the_mirror_ends_before_it(
+    closed_journal: Path,
+) -> None:
+    one_more_commit(closed_journal)
+    shard = closed_journal / "shard-0"
+    start, _ = last_frame(shard / "journal.mirror")
+    (shard / "journal.mirror").write_bytes((shard / "journal.mirror").read_bytes()[:start])
+    with closing(sqlite3.connect(shard / "journal.sqlite", isolation_level=None)) as db:
+        db.execute("DELETE FROM rows WHERE seq = 49")
+    assert not verify(closed_journal).ok
+    with pytest.raises(JournalDamaged, match="row 49 of 49") as caught:
+        Shard.open(closed_journal)
+    assert caught.value.missing == 1
 
 
 def test_an_unfinished_commit_cut_at_any_byte_of_the_mirror_is_dropped_whole_or_completed_whole(
@@ -231,6 +339,8 @@ def test_a_newer_schema_is_refused_by_every_door_and_left_alone(closed_journal: 
         "UPDATE rows SET person = 'another' WHERE seq = 9",
         "UPDATE head SET seq = 47",
         "UPDATE head SET chain = zeroblob(32)",
+        "UPDATE head SET seq_before = 49",
+        "UPDATE head SET seq_before = -1",
         "DELETE FROM head",
         "DROP INDEX rows_answer",
         "CREATE TABLE more (x) STRICT",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import stat
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -193,6 +194,15 @@ def test_a_clean_stop_leaves_no_write_ahead_log_and_closing_twice_is_safe(tmp_pa
     ]
     with pytest.raises(JournalError, match="closed"):
         shard.append("s", "k", b"", at_ns=0)
+
+
+def test_a_writer_has_one_thread_of_its_own_which_ends_with_it(tmp_path: Path) -> None:
+    before = set(threading.enumerate())
+    with Shard.open(tmp_path) as shard:
+        shard.append("s", "k", b"", at_ns=0)
+        shard.commit()
+        assert [thread.name for thread in set(threading.enumerate()) - before] == ["journal-sync"]
+    assert set(threading.enumerate()) == before
 
 
 def test_a_directory_without_a_journal_is_a_problem_not_an_empty_success(tmp_path: Path) -> None:
