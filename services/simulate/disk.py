@@ -1,27 +1,25 @@
 """A disk that fails and loses power: the real journal on real files, with a fate drawn for every commit.
 
-What a power cut leaves behind is copied at the very moment of the cut, so that nothing the dying process does
-afterwards can mend it; the next life opens the copy.
+What a power cut leaves behind is put together at the moment of the cut from what the commit had made durable
+in either file, and the next life opens that; nothing the dying process does afterwards can mend it.
 """
 
-import errno
-import os
 import shutil
-import sqlite3
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from random import Random
 
 from protocol.framing import frame
-from services.runtime.journal.errors import JournalError, translated
+from services.runtime.journal.errors import JournalError, JournalFull
 from services.runtime.journal.lock import EPOCH_NAME, ShardLock
-from services.runtime.journal.mirror import MIRROR_NAME, Mirror
+from services.runtime.journal.mirror import MIRROR_NAME
 from services.runtime.journal.shard import Shard, shard_directory
-from services.runtime.journal.store import SQLITE_NAME, Store
+from services.runtime.journal.store import SQLITE_NAME
 from services.runtime.timeline import Timeline
 
-KEPT = (SQLITE_NAME, f"{SQLITE_NAME}-wal", MIRROR_NAME, EPOCH_NAME)
+DATABASE = (SQLITE_NAME, f"{SQLITE_NAME}-wal")
+KEPT = (*DATABASE, MIRROR_NAME, EPOCH_NAME)
 FULL_NS_MAX = 2_000_000_000
 
 
@@ -34,16 +32,15 @@ class Fate(Enum):
 
     GOOD = "good"
     FULL = "no space left"
-    SYNC_FAILS = "the sync of the mirror fails"
-    COMMIT_FAILS = "the commit of the database fails"
+    SYNC_FAILS = "the sync fails after everything was written"
     CUT_BEFORE = "power cut before anything was written"
     CUT_TORN = "power cut in the middle of the mirror's frame"
-    CUT_BETWEEN = "power cut between mirror and database"
+    CUT_MIRROR_FIRST = "power cut when the mirror was synced and the database not"
     CUT_AFTER = "power cut after the commit, before any acknowledgement"
 
 
-_FAILURES = (Fate.FULL, Fate.SYNC_FAILS, Fate.COMMIT_FAILS)
-_CUTS = (Fate.CUT_BEFORE, Fate.CUT_TORN, Fate.CUT_BETWEEN, Fate.CUT_AFTER)
+_FAILURES = (Fate.FULL, Fate.SYNC_FAILS)
+_CUTS = (Fate.CUT_BEFORE, Fate.CUT_TORN, Fate.CUT_MIRROR_FIRST, Fate.CUT_AFTER)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,12 +121,34 @@ class Disk:
 
 
 class SimulatedShard(Shard):
-    """The journal as it is, its two files on a disk of the simulation."""
+    """The journal as it is, on a disk of the simulation."""
 
     def __init__(self, directory: Path, lock: ShardLock, disk: Disk) -> None:
         super().__init__(directory, lock)
         self._disk = disk
-        self._put_on_disk()
+
+    def commit(self) -> None:
+        """See Shard."""
+        if not self._group.records:
+            super().commit()
+            return
+        match self._disk.draw():
+            case Fate.GOOD:
+                super().commit()
+            case Fate.FULL:
+                raise JournalFull(f"{self.directory}: no space left")
+            case Fate.SYNC_FAILS:
+                self._leave_unsynced()
+                raise JournalError(f"{self.directory}: Input/output error")
+            case Fate.CUT_BEFORE:
+                self._disk.cut()
+                raise PowerCut
+            case Fate.CUT_AFTER:
+                super().commit()
+                self._disk.cut()
+                raise PowerCut
+            case Fate.CUT_TORN | Fate.CUT_MIRROR_FIRST:
+                self._die_with_the_database_behind()
 
     def abandon(self) -> None:
         """Let go of everything as the death of the process does: nothing more is written."""
@@ -137,72 +156,26 @@ class SimulatedShard(Shard):
         self._mirror.close()
         self._lock.release()
 
-    def _reopen(self) -> None:
-        super()._reopen()
-        self._put_on_disk()
+    def _leave_unsynced(self) -> None:
+        """Leave the group in the mirror as a failed sync does: it may be there, and may not be trusted."""
+        with (self.directory / MIRROR_NAME).open("r+b") as file:
+            file.seek(self._mirror.end)
+            file.write(frame(b"".join(self._group.encoded)))
+        self._suspect = True
 
-    def _put_on_disk(self) -> None:
-        store, mirror = self._store, self._mirror
-        self._store = SimulatedStore(self.directory, self._disk)
-        self._mirror = SimulatedMirror(self.directory, mirror.end, self._disk)
-        store.close()
-        mirror.close()
-
-
-class SimulatedMirror(Mirror):
-    """The mirror; a commit begins with it, so the fate is drawn here."""
-
-    def __init__(self, directory: Path, end: int, disk: Disk) -> None:
-        super().__init__(directory, end)
-        self._disk = disk
-
-    def append(self, group: bytes) -> int:
-        """See Mirror."""
-        fate = self._disk.draw()
-        if fate is Fate.FULL:
-            with translated(self.path):
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        if fate is Fate.CUT_BEFORE:
-            self._die()
-        if fate is Fate.CUT_TORN:
-            data = frame(group)
-            self._write(data[: self._disk.torn(len(data))])
-            self._die()
-        if fate is Fate.SYNC_FAILS:
-            self._write(frame(group))
-            with translated(self.path):
-                raise OSError(errno.EIO, os.strerror(errno.EIO))
-        end = super().append(group)
-        if fate is Fate.CUT_BETWEEN:
-            self._die()
-        return end
-
-    def _write(self, data: bytes) -> None:
-        with self.path.open("r+b") as file:
-            file.seek(self.end)
-            file.write(data)
-
-    def _die(self) -> None:
-        self._disk.cut()
-        raise PowerCut
-
-
-class SimulatedStore(Store):
-    """The database; its commit is the last thing that can go wrong."""
-
-    def __init__(self, directory: Path, disk: Disk) -> None:
-        super().__init__(directory)
-        self._disk = disk
-
-    def commit(self) -> None:
-        """See Store."""
-        if self._disk.fate is Fate.COMMIT_FAILS:
-            with translated(self.path):
-                raise sqlite3.OperationalError("disk I/O error")
+    def _die_with_the_database_behind(self) -> None:
+        directory, mirror = self.directory, self.directory / MIRROR_NAME
+        before = {name: (directory / name).read_bytes() for name in DATABASE if (directory / name).exists()}
+        begin = mirror.stat().st_size
         super().commit()
-        if self._disk.fate is Fate.CUT_AFTER:
-            self._disk.cut()
-            raise PowerCut
-
-
-__all__ = ["Disk", "DiskFaults", "Fate", "JournalError", "PowerCut", "SimulatedShard"]
+        end = mirror.stat().st_size
+        self._disk.cut()
+        after = shard_directory(self._disk.data_dir, 0)
+        for name in DATABASE:
+            (after / name).unlink(missing_ok=True)
+        for name, content in before.items():
+            (after / name).write_bytes(content)
+        if self._disk.fate is Fate.CUT_TORN:
+            with (after / MIRROR_NAME).open("r+b") as file:
+                file.truncate(begin + self._disk.torn(end - begin))
+        raise PowerCut

@@ -9,6 +9,7 @@ from protocol.messages import CreateSession, WindowSpec, World
 from services.runtime.faults import Faults
 from services.runtime.timeline import dice
 from services.simulate.disk import DiskFaults
+from sfid_core.teaching.kernels import TeacherParameters
 
 SESSION = "s1"
 LESSONS = 24
@@ -28,8 +29,7 @@ class Lesson:
 
     config: CreateSession
     teachers: tuple[str, ...]
-    error_rate: float
-    silence_rate: float
+    faults: TeacherParameters
     exact: bool
     """Whether faults must not change what is learnt: people are waited for, and all of them return."""
 
@@ -75,6 +75,10 @@ class Scenario:
         """Return the same lesson with nothing in its way, and nobody watching."""
         return Scenario(0, self.lesson, Faults(), DiskFaults(), (), viewer=False, meddler=False)
 
+    def watched(self) -> "Scenario":
+        """Return the same with a viewer."""
+        return replace(self, viewer=True)
+
     def unwatched(self) -> "Scenario":
         """Return the same without a viewer."""
         return replace(self, viewer=False)
@@ -107,8 +111,10 @@ def lesson(number: int) -> Lesson:
         window=window,
         teachers_min=len(teachers),
     )
-    rates = chance.choice((0.0, 0.2)), chance.choice((0.0, 0.1))
-    return Lesson(config, teachers, *rates, exact=kind in {"exact", "q-learning"})
+    faults = TeacherParameters(
+        chance.choice((0.0, 0.2)), chance.choice((0.0, 0.2)), chance.choice((0.0, 0.1))
+    )
+    return Lesson(config, teachers, faults, exact=kind in {"exact", "q-learning"})
 
 
 def scenario(seed: int) -> Scenario:

@@ -32,8 +32,11 @@ STORM_NS = 300 * SECOND
 """Faults end after so long: what is not finished then has to finish without them."""
 CALM_NS = 300 * SECOND
 """Within so long after the faults a session is finished, or it stands still."""
+QUIET_NS = 2 * SECOND
+"""What is still on its way arrives within so long; the report is asked for after it."""
 APPOINTMENTS_MAX = 400_000
 """A run that goes on for ever is cut off here."""
+_FAULTS = frozenset({"lost", "again", "cut", "offline", "die", "stall"})
 BEGINNING_WALL_NS = 1_700_000_000 * SECOND
 
 
@@ -54,6 +57,8 @@ class History:
     replayed: tuple[str, bool] | None = None
     """Digest of the replay, and whether everything noted came out again."""
     appointments: int = 0
+    faults: int = 0
+    """Messages lost, doubled or cut off, processes ended or stopped, commits that failed."""
     trace_sha256: str = ""
 
 
@@ -85,7 +90,7 @@ class Stage:
 
     def _teacher(self, name: str) -> TeacherNode:
         lesson = self._scenario.lesson
-        config = ScriptedConfig(SESSION, name, 11, lesson.error_rate, lesson.silence_rate)
+        config = ScriptedConfig(SESSION, name, seed=11, parameters=lesson.faults)
         return TeacherNode(self.hub, self._scenario.seed, config, Outbox())
 
     def play(self) -> History:
@@ -100,6 +105,7 @@ class Stage:
         self._heal()
         self._until(self._settled, CALM_NS)
         if self._finished:
+            self._until(lambda: False, QUIET_NS)
             self.operator.show()
             self._until(lambda: self.operator.report is not None, CALM_NS)
         return self._ended()
@@ -114,7 +120,9 @@ class Stage:
 
     def _settled(self) -> bool:
         return self._finished and all(
-            node.alive and not node.unacknowledged for name, node in self.teachers.items() if name not in self._left
+            node.alive and not node.unacknowledged
+            for name, node in self.teachers.items()
+            if name not in self._left
         )
 
     def _restart_soon(self, node: Node) -> None:
@@ -129,6 +137,7 @@ class Stage:
 
     def _heal(self) -> None:
         """End all faults and start what is dead; a disk that failed works again."""
+        self.meddler.kill()
         self._trials.clear()
         self.hub.heal()
         self.disk.faults = DiskFaults()
@@ -164,9 +173,7 @@ class Stage:
             decode(seen.payload, Acknowledgement)
         except DecodeError:
             return
-        asked = next(
-            one for one in reversed(self.history.seen) if one.what == "ask" and one.ask == seen.ask
-        )
+        asked = next(one for one in reversed(self.history.seen) if one.what == "ask" and one.ask == seen.ask)
         self.meddler.acknowledged.append((seen.key, asked.payload))
 
     def _try(self, trial: Trial) -> None:
@@ -207,6 +214,7 @@ class Stage:
         self.learner.kill()
         history.data_dir = self.disk.data_dir
         history.appointments = self.timeline.happened
+        history.faults = len(self.disk.fates) + sum(seen.what in _FAULTS for seen in history.seen)
         history.trace_sha256 = self._digest.hexdigest()
         try:
             history.problems = verify(history.data_dir).problems
@@ -215,4 +223,3 @@ class Stage:
         except (JournalError, DecodeError) as error:
             history.problems = (*history.problems, str(error))
         return history
-
