@@ -9,11 +9,13 @@ from rich.progress import track
 
 from services.cli.failure import BAD_USAGE, NOT_SO, OK, CommandError
 from services.cli.level_files import Listed
+from sfid_core.sokoban.actions import Action
 from sfid_core.sokoban.board import Level
 from sfid_core.sokoban.deadlock import surely_deadlocked
 from sfid_core.sokoban.levels import LevelError
 from sfid_core.sokoban.lurd import to_lurd
-from sfid_core.sokoban.solver import Solution, solve
+from sfid_core.sokoban.search import shortest
+from sfid_core.sokoban.solver import solve
 from sfid_core.sokoban.tables import TooManyStates, count_states
 
 Row = dict[str, Any]
@@ -44,15 +46,14 @@ def checked(one: Listed) -> Row:
 
 def solved(one: Listed) -> Row:
     """Return the same and a shortest solution in LURD, null where there is none."""
-    row, solution = _checked(one)
+    row, actions = _checked(one)
     row["lurd"] = None
-    if isinstance(one.level, Level) and solution is not None and row["solvable"]:
-        start = one.level.start
-        row["lurd"] = to_lurd(start, solution.solution(start))
+    if isinstance(one.level, Level) and actions is not None:
+        row["lurd"] = to_lurd(one.level.start, actions)
     return row
 
 
-def _checked(one: Listed) -> tuple[Row, Solution | None]:
+def _checked(one: Listed) -> tuple[Row, Sequence[Action] | None]:
     row = described(one)
     del row["title"]
     error = {"error": row.pop("error")} if "error" in row else {}
@@ -61,14 +62,22 @@ def _checked(one: Listed) -> tuple[Row, Solution | None]:
         return row, None
     row["states"] = count_states(one.level)
     try:
-        solution = solve(one.level)
+        actions = _shortest(one.level)
     except TooManyStates as too_many:
         row["solvable"] = False if surely_deadlocked(one.level.start) else None
         row["error"] = f"{one.name}: {too_many}"
         return row, None
-    steps = solution.distance(one.level.start)
-    row |= {"solvable": steps is not None, "optimal_steps": steps}
-    return row, solution
+    row |= {"solvable": actions is not None, "optimal_steps": None if actions is None else len(actions)}
+    return row, actions
+
+
+def _shortest(level: Level) -> Sequence[Action] | None:
+    """Return a shortest solution by the table of all positions, or by a search for levels beyond it."""
+    try:
+        solution = solve(level)
+    except TooManyStates:
+        return shortest(level)
+    return None if solution.deadlocked(level.start) else solution.solution(level.start)
 
 
 def line(row: Row, name: str) -> str:
@@ -93,9 +102,8 @@ def _counted(count: int, thing: str) -> str:
 
 
 def tracked(things: Iterable[Any], total: int, what: str) -> Iterator[Any]:
-    """Yield the things, with a bar on stderr where that is a terminal and there are many."""
-    console = Console(stderr=True)
-    quiet = total == 1 or not sys.stderr.isatty()
+    """Yield the things, with a bar on stderr where that is a terminal."""
+    console, quiet = Console(stderr=True), not sys.stderr.isatty()
     yield from track(things, what, total=total, console=console, transient=True, disable=quiet)
 
 

@@ -156,14 +156,26 @@ def ranks_with_one_moved(
 
     Args: rows: int16 [n_boxes, n], ascending down each column; origin, landing: int16 [n].
     """
+    return ranks_of(with_one_moved(rows, origin, landing), n_cells)
+
+
+def with_one_moved(
+    rows: npt.NDArray[np.int16], origin: npt.NDArray[np.int16], landing: npt.NDArray[np.int16]
+) -> npt.NDArray[np.int16]:
+    """Return the box sets themselves, ascending down each column; arguments as `ranks_with_one_moved`."""
     boxes = np.where(rows == origin, landing, rows)
     # One box moved, so one sweep each way puts the column in order again; far cheaper than a sort.
     for first in range(len(boxes) - 1):
         _order(boxes, first)
     for first in range(len(boxes) - 2, -1, -1):
         _order(boxes, first)
+    return boxes
+
+
+def ranks_of(boxes: npt.NDArray[np.int16], n_cells: int) -> npt.NDArray[np.int64]:
+    """Return int64 [n]: the rank of each column of int16 [n_boxes, n], ascending cells below n_cells."""
     binomials = _binomials(n_cells, len(boxes))
-    ranks = np.zeros(rows.shape[1], dtype=np.int64)
+    ranks = np.zeros(boxes.shape[1], dtype=np.int64)
     for order, column in enumerate(boxes):
         ranks += binomials[order].take(column)
     return ranks
