@@ -66,7 +66,13 @@ def _mentions(function: FunctionType, parts: Mapping[str, Callable[..., Any]]) -
 
 
 @cache
-def _compiled(function: FunctionType, parts: tuple[tuple[str, Callable[..., Any]], ...], name: str) -> object:
+def _compiled(
+    function: FunctionType,
+    parts: tuple[tuple[str, Callable[..., Any]], ...],
+    name: str,
+    *,
+    inlined: bool = False,
+) -> object:
     import numba  # noqa: PLC0415 - optional, and half a second to load
 
     replaced = dict(parts)
@@ -75,9 +81,10 @@ def _compiled(function: FunctionType, parts: tuple[tuple[str, Callable[..., Any]
         native = _NATIVE.get(part, part) if isinstance(part, FunctionType) else part
         if isinstance(native, FunctionType) and (native in _KERNELS or native is not part):
             inner = parts if called not in dict(parts) and _mentions(native, dict(parts)) else ()
-            replaced[called] = cast("Callable[..., Any]", _compiled(native, inner, name if inner else ""))
-    jit = numba.njit(nogil=True, cache=bool(numba.config.CACHE_DIR))
-    return jit(_rebuilt(function, replaced, name))
+            replaced[called] = cast("Callable[..., Any]", _compiled(native, inner, name, inlined=True))
+    keep = bool(numba.config.CACHE_DIR)  # type: ignore[attr-defined] - made at run time
+    # A call costs more than most kernels do: named tuples are taken apart and put together again.
+    return numba.njit(nogil=True, cache=keep, forceinline=inlined)(_rebuilt(function, replaced, name))
 
 
 def _rebuilt(function: FunctionType, parts: dict[str, Callable[..., Any]], name: str) -> FunctionType:

@@ -151,7 +151,7 @@ class Script:
         if decision.asked == "reward" and decision.action and self._before and self._before[0] == number:
             optimal = self._indexes(self._before[1], names)
             action = names.index(decision.action)
-            return Said(decision, reward=self._teacher.reward(number, action, optimal))
+            return Said(decision, reward=self._teacher.reward(number, decision.state, action, optimal))
         return Said(decision)
 
     def _indexes(self, view: str, names: tuple[str, ...]) -> tuple[int, ...]:

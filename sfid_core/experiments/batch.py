@@ -4,6 +4,7 @@ The lane kernel shares the method, the world and the teachers with a live sessio
 machine, so that equal digests say that the machine adds and drops nothing.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -22,11 +23,12 @@ from sfid_core.experiments.lane import (
     COLUMNS,
     OUTCOMES,
     LanePlan,
+    Lanes,
     LaneTeacher,
     LaneWorld,
     Scratch,
     greedy_share,
-    run_lane,
+    run_lanes,
 )
 from sfid_core.learning.kernels import Draws, Memory
 from sfid_core.learning.learner import learner_draws, table_sha256
@@ -40,6 +42,7 @@ from sfid_core.sokoban.live import WorldTables, tabulate
 from sfid_core.sokoban.world import World, WorldConfig, make_world
 from sfid_core.teaching.answers import AnswerKind
 from sfid_core.teaching.kernels import TEACHER_SCALARS, TeacherMemory, TeacherParameters
+from sfid_core.teaching.merge import NOWHERE, ONE_HOT
 from sfid_core.teaching.simulated import state_word, teacher_key
 
 _ASKS = {
@@ -76,27 +79,31 @@ class Batch:
     """Sessions that differ in their seed alone, run one after the other.
 
     Args: config: the session; its seed is replaced by those that are run; teachers: by the name under which
-    they would join; fast: compile the kernels (the default where numba is installed).
+    they would join; fast: compile the kernels (the default where numba is installed);
+    tables: those of the session's world, where they have been made before.
     Raises: ParameterError, LevelError, WorldError.
     """
 
     def __init__(
-        self, config: SessionConfig, teachers: Mapping[str, TeacherParameters], *, fast: bool | None = None
+        self,
+        config: SessionConfig,
+        teachers: Mapping[str, TeacherParameters],
+        *,
+        fast: bool | None = None,
+        tables: WorldTables | None = None,
     ) -> None:
         self._config = config
         self._names = sorted(teachers)
         self._fast = compiler_available() if fast is None else fast
         self._method = method_named(config.method)
         self._parameters = config.method_parameters
-        self.tables = tabulate(world_of(config))
+        self.tables = tabulate(world_of(config)) if tables is None else tables
         listed = _arrays if self._fast else _lists
         self._listed = listed
         self._world = _lane_world(self.tables, config.world.steps_max, fast=self._fast)
         nobody = [TeacherParameters(silence=1.0)]
         parameters = [teachers[name] for name in self._names] or nobody
-        self._teachers = tuple(
-            LaneTeacher(one, TeacherMemory(listed([0.0] * TEACHER_SCALARS))) for one in parameters
-        )
+        self._teachers = tuple(LaneTeacher(one, self._teacher_memory(one)) for one in parameters)
         self._plan = LanePlan(
             config.episodes,
             _ASKS[self._method.asks_before],
@@ -107,35 +114,45 @@ class Batch:
         self._memory = blank_memory(
             self._method, self.tables.n_states, len(ACTIONS), config.world.steps_max, listed
         )
-        blank = [0.0] * len(ACTIONS)
-        self._scratch = Scratch(listed(blank), listed(blank))
+        beliefs = (*ONE_HOT[len(ACTIONS)], NOWHERE[len(ACTIONS)])
+        self._scratch = Scratch(listed([0.0] * len(ACTIONS)), beliefs)
         self._run, self._greedy = _kernels(self._method, fast=self._fast)
 
-    def run(self, seed: int) -> npt.NDArray[np.float64]:
-        """Run the session of one seed; return float64 [episodes, COLUMNS] (`lane.MEASURES`)."""
+    def run(self, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
+        """Run one session a seed; return float64 [seeds, episodes, COLUMNS] (`lane.MEASURES`)."""
         config = self._config
-        listed = self._listed
-        _clear(self._memory)
-        for teacher in self._teachers:
-            _zero(teacher.memory.scalars)
-        keys = [teacher_key(seed, name, config.session) for name in self._names] or [0]
-        out = listed([0.0] * (config.episodes * COLUMNS))
-        starts = self.tables.draw_starts(seed).starts(config.episodes)
+        shape = (len(seeds), config.episodes, COLUMNS)
+        out = self._listed([0.0] * math.prod(shape))
         self._run(
             self._world,
             self._plan,
             self._memory,
             self._parameters,
-            _words(learner_draws(seed, config.session), fast=self._fast),
             self._teachers,
-            np.array(keys, dtype=np.uint64) if self._fast else keys,
-            starts if self._fast else starts.tolist(),
+            self._lanes(seeds),
             self._scratch,
             self._parameters.gamma,
             out,
-            0,
         )
-        return np.asarray(out, dtype=np.float64).reshape(config.episodes, COLUMNS)
+        return np.asarray(out, dtype=np.float64).reshape(shape)
+
+    def _teacher_memory(self, parameters: TeacherParameters) -> TeacherMemory:
+        praised = self.tables.n_states * len(ACTIONS) if parameters.diminishing else 0
+        return TeacherMemory(self._listed([0.0] * TEACHER_SCALARS), self._listed([0.0] * praised))
+
+    def _lanes(self, seeds: Sequence[int]) -> Lanes:
+        session, episodes = self._config.session, self._config.episodes
+        draws = [learner_draws(seed, session) for seed in seeds]
+        columns = (
+            np.array([each.ties for each in draws], dtype=np.uint64),
+            np.array([each.explore for each in draws], dtype=np.uint64),
+            np.array(
+                [teacher_key(seed, name, session) for seed in seeds for name in self._names or ("",)],
+                dtype=np.uint64,
+            ),
+            np.concatenate([self.tables.draw_starts(seed).starts(episodes) for seed in seeds]),
+        )
+        return Lanes(len(seeds), *(column if self._fast else column.tolist() for column in columns))
 
     def digest(self) -> str:
         """Return the digest of what the latest session learnt."""
@@ -164,7 +181,7 @@ def run_batch(
     Raises: ParameterError, LevelError, WorldError.
     """
     batch = Batch(config, teachers, fast=fast)
-    rows = batch.run(config.seed).tolist()
+    rows = batch.run([config.seed])[0].tolist()
     inputs = sum(int(row[5]) for row in rows)
     counts = LabelCounts(submitted=inputs, acknowledged=inputs, applied=inputs)
     episodes = tuple(episode_measures(number, row) for number, row in enumerate(rows))
@@ -205,13 +222,14 @@ def blank_memory(
 def _kernels(method: Method, *, fast: bool) -> tuple[Callable[..., int], Callable[..., float]]:
     parts = {"choose": method.choose, "settle": method.settle, "learn": method.learn, "begin": method.begin}
     if not fast:
-        return linked(run_lane, parts), linked(greedy_share, {"prefer": method.prefer})
+        return linked(run_lanes, parts), linked(greedy_share, {"prefer": method.prefer})
     return (
-        compiled(run_lane, parts, method.name),
+        compiled(run_lanes, parts, method.name),
         compiled(greedy_share, {"prefer": method.prefer}, method.name),
     )
 
 
+@lru_cache(maxsize=8)
 def _lane_world(tables: WorldTables, steps_max: int, *, fast: bool) -> LaneWorld:
     words = [state_word(key) for key in tables.state_keys]
     words += [0] * (tables.n_states - len(words))
@@ -226,22 +244,9 @@ def _lane_world(tables: WorldTables, steps_max: int, *, fast: bool) -> LaneWorld
     return LaneWorld(*(column if fast else column.tolist() for column in columns), steps_max)
 
 
-def _words(draws: Draws, *, fast: bool) -> Draws:
-    return Draws(*(np.uint64(key) for key in draws)) if fast else draws  # type: ignore[arg-type]
-
-
 def _arrays(numbers: list[float]) -> npt.NDArray[np.float64]:
     return np.array(numbers, dtype=np.float64)
 
 
 def _lists(numbers: list[float]) -> list[float]:
     return list(numbers)
-
-
-def _clear(memory: Memory) -> None:
-    for numbers in (memory.values, memory.scalars, memory.trail):
-        _zero(numbers)
-
-
-def _zero(numbers: Any) -> None:  # noqa: ANN401 - a list or an array
-    numbers[:] = 0.0 if isinstance(numbers, np.ndarray) else [0.0] * len(numbers)

@@ -16,7 +16,14 @@ from sfid_core.learning.kernels import (
     nothing,
     prefer,
 )
-from sfid_core.teaching.kernels import TeacherMemory, TeacherParameters, label_of, preferred_of, reward_of
+from sfid_core.teaching.kernels import (
+    TeacherMemory,
+    TeacherParameters,
+    label_of,
+    preference_key,
+    preferred_of,
+    reward_of,
+)
 
 MEASURES = (
     "steps",
@@ -71,11 +78,25 @@ class LanePlan(NamedTuple):
     """Number of teachers; 0 leaves the agent alone."""
 
 
+class Lanes(NamedTuple):
+    """What tells the lanes apart: their chance and their starts."""
+
+    lanes: int
+    ties: Sequence[int]
+    """By lane, as `Draws`."""
+    explore: Sequence[int]
+    teachers: Sequence[int]
+    """Keys of the teachers, lane by lane."""
+    starts: Sequence[int]
+    """States in which the episodes start, lane by lane."""
+
+
 class Scratch(NamedTuple):
     """Room for one decision."""
 
     votes: MutableSequence[float]
-    belief: MutableSequence[float]
+    one_hot: tuple[tuple[float, ...], ...]
+    """Belief in each action by label, and in none behind the last."""
 
 
 @kernel
@@ -142,13 +163,12 @@ def run_lane(  # noqa: PLR0913, PLR0915 - one loop, told in order
         while outcome == 0:
             optimal = world.optimal[state]
             action = choose(m, p, draws, state, decision)
-            evidence = Evidence(0, -1, scratch.belief, 0.0, 0, -1, -1, 0.0)
+            evidence = Evidence(0, -1, scratch.one_hot[actions], 0.0, 0, -1, -1, 0.0)
             if plan.teachers > 0 and plan.asks_before == ASK_LABEL:
                 label, given = merged_label(world, plan, teachers, keys, scratch.votes, state, decision)
                 inputs += given
                 if label >= 0:
-                    scratch.belief[label] = 1.0
-                    evidence = Evidence(1, label, scratch.belief, 0.0, 0, -1, -1, 0.0)
+                    evidence = Evidence(1, label, scratch.one_hot[label], 0.0, 0, -1, -1, 0.0)
             action = settle(m, p, draws, state, action, evidence, decision)
             next_state = world.successor[state * actions + action]
             reward = world.reward[state * actions + action]
@@ -157,10 +177,10 @@ def run_lane(  # noqa: PLR0913, PLR0915 - one loop, told in order
             if not terminal and steps + 1 >= world.steps_max:
                 outcome = 3
             if plan.teachers > 0 and plan.asks_after == ASK_REWARD:
-                praise, given = merged_reward(plan, teachers, keys, optimal, action, decision)
+                praise, given = merged_reward(world, plan, teachers, keys, state, action, actions, decision)
                 inputs += given
                 if praise != 0.0:
-                    evidence = Evidence(1, -1, scratch.belief, praise, 0, -1, -1, 0.0)
+                    evidence = Evidence(1, -1, scratch.one_hot[actions], praise, 0, -1, -1, 0.0)
             transition = Transition(
                 state,
                 action,
@@ -173,10 +193,9 @@ def run_lane(  # noqa: PLR0913, PLR0915 - one loop, told in order
                 0.0,
             )
             learned = learn(m, p, transition, evidence)
-            if evidence.label >= 0:
-                scratch.belief[evidence.label] = 0.0
             agreements += learned.h > 0.0
-            preferred += action == preferred_of(keys[0], world.word[state], optimal, actions)
+            favourite = preference_key(teachers[0].parameters, keys[0], decision)
+            preferred += action == preferred_of(favourite, world.word[state], optimal, actions)
             abs_environment += abs(learned.environment)
             abs_shaped += abs(learned.shaped)
             total += discount * (reward + learned.h)
@@ -197,6 +216,45 @@ def run_lane(  # noqa: PLR0913, PLR0915 - one loop, told in order
         out[at + 9] = preferred / steps
         at += COLUMNS
     return decision
+
+
+@kernel
+def run_lanes(
+    world: LaneWorld,
+    plan: LanePlan,
+    m: Memory,
+    p: tuple[float, ...],
+    teachers: tuple[LaneTeacher, ...],
+    streams: Lanes,
+    scratch: Scratch,
+    gamma: float,
+    out: MutableSequence[float],
+) -> int:
+    """Run one session a lane, each from a blank memory; return the number of decisions of them all.
+
+    Args: out: lanes * episodes * COLUMNS numbers, lane by lane.
+    """
+    decisions = 0
+    for lane in range(streams.lanes):
+        blank(m.values)
+        blank(m.scalars)
+        blank(m.trail)
+        for number in range(len(teachers)):
+            blank(teachers[number].memory.scalars)
+            blank(teachers[number].memory.praised)
+        draws = Draws(streams.ties[lane], streams.explore[lane])
+        keys = streams.teachers[lane * len(teachers) : (lane + 1) * len(teachers)]
+        starts = streams.starts[lane * plan.episodes : (lane + 1) * plan.episodes]
+        at = lane * plan.episodes * COLUMNS
+        decisions += run_lane(world, plan, m, p, draws, teachers, keys, starts, scratch, gamma, out, at)
+    return decisions
+
+
+@kernel
+def blank(numbers: MutableSequence[float]) -> None:
+    """Set every number to 0."""
+    for place in range(len(numbers)):
+        numbers[place] = 0.0
 
 
 @kernel
@@ -238,12 +296,14 @@ def merged_label(
 
 
 @kernel
-def merged_reward(
+def merged_reward(  # noqa: PLR0913 - what the answers depend on
+    world: LaneWorld,
     plan: LanePlan,
     teachers: tuple[LaneTeacher, ...],
     keys: Sequence[int],
-    optimal: int,
+    state: int,
     action: int,
+    actions: int,
     decision: int,
 ) -> tuple[float, int]:
     """Return the mean reward of the side with more votes, 0 for silence or a tie, and how many gave one."""
@@ -251,7 +311,17 @@ def merged_reward(
     for_it = against = 0
     for number in range(plan.teachers):
         teacher = teachers[number]
-        given = reward_of(teacher.parameters, teacher.memory, keys[number], decision, optimal, action)
+        given = reward_of(
+            teacher.parameters,
+            teacher.memory,
+            keys[number],
+            decision,
+            state,
+            world.word[state],
+            world.optimal[state],
+            action,
+            actions,
+        )
         if given > 0.0:
             praise += given
             for_it += 1

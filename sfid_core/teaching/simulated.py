@@ -8,7 +8,9 @@ from sfid_core.teaching.kernels import (
     TEACHER_SCALARS,
     TeacherMemory,
     TeacherParameters,
+    delay_of,
     label_of,
+    preference_key,
     preferred_of,
     reward_of,
 )
@@ -42,7 +44,8 @@ class SimulatedTeacher:
         self.parameters = parameters
         self.key = teacher_key(seed, name, session)
         self._actions = actions
-        self._memory = TeacherMemory([0.0] * TEACHER_SCALARS)
+        self._memory = TeacherMemory([0.0] * TEACHER_SCALARS, [])
+        self._numbers: dict[bytes, int] = {}
 
     def label(self, decision: int, state: bytes, optimal: Iterable[int]) -> int | None:
         """Return the action this teacher names for `state`, or None for silence.
@@ -55,18 +58,34 @@ class SimulatedTeacher:
         said = label_of(self.parameters, self._memory, self.key, decision, word, bits, self._actions)
         return None if said < 0 else said
 
-    def reward(self, decision: int, action: int, optimal: Iterable[int]) -> float | None:
+    def reward(self, decision: int, state: bytes, action: int, optimal: Iterable[int]) -> float | None:
         """Return what this teacher thinks of `action`, in [-1, 1], or None for silence.
 
-        Args: optimal: optimal actions of the state that the agent acted in.
+        Args: state: the state that the agent acted in, which `optimal` belongs to.
         """
-        bits = action_bits(optimal)
-        return reward_of(self.parameters, self._memory, self.key, decision, bits, action) or None
+        bits, word, number = action_bits(optimal), state_word(state), self._number(state)
+        given = reward_of(
+            self.parameters, self._memory, self.key, decision, number, word, bits, action, self._actions
+        )
+        return given or None
+
+    def delay_ms(self, decision: int) -> float:
+        """Return how long this teacher takes to answer, in ms."""
+        return delay_of(self.parameters, self.key, decision)
 
     def preferred(self, state: bytes, optimal: Sequence[int]) -> int | None:
         """Return the action this teacher would name without fault, or None without an optimal one."""
-        named = preferred_of(self.key, state_word(state), action_bits(optimal), self._actions)
+        bits, word = action_bits(optimal), state_word(state)
+        named = preferred_of(preference_key(self.parameters, self.key, 0), word, bits, self._actions)
         return None if named < 0 else named
+
+    def _number(self, state: bytes) -> int:
+        """Return the state's place in what is remembered of praise."""
+        number = self._numbers.get(state)
+        if number is None:
+            number = self._numbers[state] = len(self._numbers)
+            self._memory.praised.extend([0.0] * self._actions)
+        return number
 
 
 def action_bits(actions: Iterable[int]) -> int:

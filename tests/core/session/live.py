@@ -106,5 +106,5 @@ class Live:
         if self.session.asks is AnswerKind.LABEL:
             label = teacher.label(decision, state, optimal)
             return None if label is None else Answer(AnswerKind.LABEL, action=label)
-        reward = teacher.reward(decision, action, optimal)
+        reward = teacher.reward(decision, state, action, optimal)
         return None if reward is None else Answer(AnswerKind.REWARD, reward=reward)

@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from sfid_core.learning.parameters import ParameterError, parameters_of
+from sfid_core.learning.parameters import ParameterError, Value, parameters_of
 from sfid_core.teaching.kernels import TeacherParameters
 from sfid_core.teaching.simulated import SimulatedTeacher
 
@@ -15,7 +15,7 @@ STATE = bytes(range(16))
 def teacher(
     error: float = 0.0, silence: float = 0.0, name: str = "ann", seed: int = 1, actions: int = 4
 ) -> SimulatedTeacher:
-    rates = {"label_error": error, "reward_error": error, "silence": silence}
+    rates: dict[str, Value] = {"label_error": error, "reward_error": error, "silence": silence}
     return SimulatedTeacher(seed, name, "lab", parameters_of(TeacherParameters, rates, "teacher"), actions)
 
 
@@ -26,8 +26,8 @@ def share(matches: list[bool]) -> float:
 def test_an_expert_names_the_optimal_action_and_praises_it_alone() -> None:
     expert = teacher()
     assert {expert.label(decision, STATE, (2,)) for decision in range(100)} == {2}
-    assert {expert.reward(decision, 2, (2, 3)) for decision in range(100)} == {1.0}
-    assert {expert.reward(decision, 0, (2, 3)) for decision in range(100)} == {-1.0}
+    assert {expert.reward(decision, STATE, 2, (2, 3)) for decision in range(100)} == {1.0}
+    assert {expert.reward(decision, STATE, 0, (2, 3)) for decision in range(100)} == {-1.0}
 
 
 def test_of_several_optimal_actions_a_teacher_names_the_same_one_in_the_same_state() -> None:
@@ -68,14 +68,14 @@ def test_errors_and_silence_come_at_their_rates_and_silence_is_drawn_first() -> 
     labels = [noisy.label(decision, STATE, (2,)) for decision in DECISIONS]
     assert share([label is None for label in labels]) == pytest.approx(0.3, abs=0.01)
     assert share([label != 2 for label in labels if label is not None]) == pytest.approx(0.2, abs=0.01)
-    rewards = [noisy.reward(decision, 2, (2,)) for decision in DECISIONS]
+    rewards = [noisy.reward(decision, STATE, 2, (2,)) for decision in DECISIONS]
     assert share([reward is None for reward in rewards]) == pytest.approx(0.3, abs=0.01)
     assert share([reward == -1.0 for reward in rewards if reward is not None]) == pytest.approx(0.2, abs=0.01)
 
 
 def test_rates_of_one_always_happen_and_rates_of_zero_never() -> None:
     assert all(teacher(silence=1.0).label(decision, STATE, (0,)) is None for decision in range(1000))
-    assert all(teacher(error=1.0).reward(decision, 0, (0,)) == -1.0 for decision in range(1000))
+    assert all(teacher(error=1.0).reward(decision, STATE, 0, (0,)) == -1.0 for decision in range(1000))
 
 
 def test_a_teacher_says_the_same_whatever_was_asked_before() -> None:
@@ -107,7 +107,7 @@ def test_silence_and_error_are_drawn_apart() -> None:
 
 def test_nothing_is_said_of_a_state_without_an_optimal_action() -> None:
     assert teacher(error=1.0).label(0, STATE, ()) is None
-    assert teacher(error=1.0).reward(0, 1, ()) is None
+    assert teacher(error=1.0).reward(0, STATE, 1, ()) is None
 
 
 @pytest.mark.parametrize("rate", [-0.1, 1.1, float("nan"), float("inf")])

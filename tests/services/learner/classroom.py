@@ -230,7 +230,7 @@ class Classroom:
         elif decision.action is not None:
             before = next(seen.view for seen in reversed(self.decisions)
                           if seen.decision == number and seen.phase == "executing")  # fmt: skip
-            reward = mind.reward(number, Action[decision.action], optimal(before))
+            reward = mind.reward(number, decision.state, Action[decision.action], optimal(before))
             if reward is not None:
                 return pupil.message(decision, kind="reward", reward=reward)
         return pupil.message(decision, kind="abstain")
