@@ -1,12 +1,26 @@
-"""`sfid aggregate`: a crowd teaches as one teacher."""
+"""`sfid aggregate`, `sfid said`: a crowd teaches as one teacher; who said what to whom."""
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from services.cli.options import ENDPOINT, Connect, Deployment, Seed, SupervisedFd, Verbose
+from protocol.journal import Record
+from protocol.who_said import Saying, said_to_a_crowd, said_to_a_learner
+from services.cli.failure import NOT_SO, CommandError
+from services.cli.options import (
+    ENDPOINT,
+    Connect,
+    Deployment,
+    Json,
+    Seed,
+    SupervisedFd,
+    Verbose,
+    print_json,
+)
 from services.cli.waiting import service_bus
+from services.runtime.journal import read_rows
 from services.runtime.process import ProcessConfig, ServiceProcess
 from sfid_core.crowd.round import RoundSettings
 from sfid_core.crowd.settings import CrowdMethod, CrowdSettings, crowd_method
@@ -16,8 +30,9 @@ WEIGHING = CrowdSettings()
 
 
 def add_to(app: typer.Typer) -> None:
-    """Add the command."""
+    """Add the commands."""
     app.command()(aggregate)
+    app.command()(said)
 
 
 def aggregate(  # noqa: PLR0917 - one argument a flag
@@ -94,3 +109,58 @@ def aggregate(  # noqa: PLR0917 - one argument a flag
         run(config, bus, SystemClock(), process.ready, process.stop)
     finally:
         bus.close()
+
+
+def said(
+    directory: Annotated[Path, typer.Argument(help="Data directory of a deployment.")],
+    session: Annotated[str, typer.Option(help="Session to tell of.")],
+    as_json: Json = False,
+) -> None:
+    """Tell who said what, when it was shown and when it was answered, to the learner and to its crowds."""
+    rows = [_row(saying) for saying in _sayings(directory, session)]
+    if not rows:
+        message = f"{directory}: nobody has said anything in a session {session}: name one that was taught"
+        raise CommandError(message, NOT_SO)
+    if as_json:
+        print_json({"session": session, "said": rows})
+        return
+    for row in rows:
+        what = row["action"] if row["reward"] is None else f"{row['reward']:+g}"
+        via = f" (to {row['via']})" if row["via"] else ""
+        took = "" if row["response_ms"] is None else f" after {row['response_ms']} ms"
+        print(
+            f"decision {row['decision']}: {row['teacher']}{via}: {what or row['kind']}{took}: {row['code']}"
+        )
+
+
+def _sayings(directory: Path, session: str) -> Iterator[Saying]:
+    yield from said_to_a_learner(_records(directory, session))
+    for crowd in sorted(directory.glob("crowd-*")):
+        yield from said_to_a_crowd(_records(crowd, session), crowd.name.removeprefix("crowd-"))
+
+
+def _records(directory: Path, session: str) -> list[Record]:
+    rows = read_rows(directory, session)
+    return [Record(row.kind, row.at_ns, row.body) for row in rows if row.body is not None]
+
+
+def _row(saying: Saying) -> dict[str, Any]:
+    """Return an answer as JSON: times in ns since 1970 on the clock of the journal, [earliest, latest]."""
+    return {
+        "answer_id": saying.answer_id.hex(),
+        "teacher": saying.teacher,
+        "via": saying.via,
+        "decision": saying.decision,
+        "episode": saying.episode,
+        "step": saying.step,
+        "kind": saying.kind,
+        "action": saying.action,
+        "reward": saying.reward,
+        "code": saying.code,
+        "asked_at_ns": saying.asked_at_ns,
+        "shown_ns": saying.shown_ns,
+        "answered_ns": saying.answered_ns,
+        "arrived_at_ns": saying.arrived_at_ns,
+        "response_ms": saying.response_ms,
+        "handed_on_as": saying.handed.hex() or None,
+    }
