@@ -1,4 +1,4 @@
-"""A real Chromium driven over its DevTools protocol, as a person would use it: keys, fingers, reload, no network."""
+"""A real Chromium driven over its DevTools protocol as a person would: keys, fingers, reload, no network."""
 
 import base64
 import itertools
@@ -29,7 +29,9 @@ class Wire:
     """One DevTools connection: commands and their results; events are kept by name."""
 
     def __init__(self, address: str) -> None:
-        self._socket: ClientConnection = connect(address, max_size=None, compression=None)
+        self._stack = ExitStack()
+        connection = connect(address, max_size=None, compression=None, ping_interval=None)
+        self._socket: ClientConnection = self._stack.enter_context(connection)
         self._numbers = itertools.count(1)
         self.events: list[dict[str, Any]] = []
 
@@ -43,8 +45,13 @@ class Wire:
                 return dict(message["result"])
             self.events.append(message)
 
+    def look(self, wait_s: float) -> None:
+        """Take in an event, if one comes within `wait_s`."""
+        with suppress(TimeoutError):
+            self.events.append(json.loads(self._socket.recv(timeout=wait_s)))
+
     def close(self) -> None:
-        self._socket.close()
+        self._stack.close()
 
 
 class Tab:
@@ -71,6 +78,10 @@ class Tab:
     def open(self, url: str) -> None:
         self.wire.call("Page.navigate", url=url)
 
+    def front(self) -> None:
+        """Bring the tab to the front: one behind another draws nothing."""
+        self.wire.call("Page.bringToFront")
+
     def reload(self) -> None:
         self.wire.call("Page.reload")
 
@@ -91,8 +102,7 @@ class Tab:
                 if value:
                     return value
             # Between two looks the browser works; the page's own events cannot be waited for across a reload.
-            with suppress(TimeoutError):
-                self.wire.events.append(json.loads(self.wire._socket.recv(timeout=POLL_S)))  # noqa: SLF001
+            self.wire.look(POLL_S)
         raise AssertionError(f"not so within {wait_s} s: {expression}\nthe page says: {self.text()}")
 
     def text(self, selector: str = "body") -> str:
@@ -190,9 +200,10 @@ def chromium() -> Iterator[Chromium]:
         )
         process = subprocess.Popen(
             [
-                path, "--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-extensions",
-                "--disable-background-networking", "--disable-component-update", "--disable-sync",
-                "--disable-dev-shm-usage", "--remote-debugging-port=0", f"--user-data-dir={folder}", "about:blank",
+                path, "--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run",
+                "--disable-extensions", "--disable-background-networking", "--disable-component-update",
+                "--disable-sync", "--disable-dev-shm-usage", "--remote-debugging-port=0",
+                f"--user-data-dir={folder}", "about:blank",
             ],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip

@@ -119,8 +119,8 @@ function drawWall(parent, x, y, face) {
 
 function drawGoal(parent, x, y) {
   const [cx, cy] = [x + CELL / 2, y + CELL / 2];
-  make("path", { d: `M${cx} ${cy - 14}L${cx + 14} ${cy}L${cx} ${cy + 14}L${cx - 14} ${cy}Z`, fill: "#f0e4421f", stroke: "#f0e442", "stroke-width": 2.6, "stroke-linejoin": "round" }, parent);
-  make("path", { d: `M${cx} ${cy - 5}L${cx + 5} ${cy}L${cx} ${cy + 5}L${cx - 5} ${cy}Z`, fill: "#f0e442" }, parent);
+  make("path", { d: `M${cx} ${cy - 14}L${cx + 14} ${cy}L${cx} ${cy + 14}L${cx - 14} ${cy}Z`, fill: "#f0e4421f", stroke: "#f0e442", "stroke-width": 2.6, "stroke-linejoin": "round", "shape-rendering": "geometricPrecision" }, parent);
+  make("path", { d: `M${cx} ${cy - 5}L${cx + 5} ${cy}L${cx} ${cy + 5}L${cx - 5} ${cy}Z`, fill: "#f0e442", "shape-rendering": "geometricPrecision" }, parent);
 }
 
 function drawBox(parent, done) {
@@ -202,7 +202,7 @@ export class Board {
     this.svg.replaceChildren();
     this.svg.setAttribute("viewBox", `0 0 ${world.width * CELL} ${world.height * CELL}`);
     this.svg.style.setProperty("--ratio", world.width / world.height);
-    const ground = make("g", { "shape-rendering": "geometricPrecision" }, this.svg);
+    const ground = make("g", { "shape-rendering": "crispEdges" }, this.svg);
     make("rect", { width: world.width * CELL, height: world.height * CELL, fill: MORTAR }, ground);
     for (let cell = 0; cell < world.width * world.height; cell += 1) {
       const [row, column] = [Math.floor(cell / world.width), cell % world.width];

@@ -1,0 +1,79 @@
+"""A running deployment with a gateway, for tests that teach through a real browser."""
+
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from protocol.identity import Identity, Role, sign
+from protocol.keys import Keys
+from protocol.messages import CreateSession, SessionReport, WindowSpec, World
+from services.cli import launch
+from services.gateway.register import Register, new_token_id
+from services.gateway.secret import load_secrets
+from services.gateway.service import read_status
+from services.operator import Operator
+from services.router import free_endpoint
+from services.runtime.config import GatewaySection
+from services.runtime.zenoh_bus import open_bus
+from sfid_core.sokoban.levels import packaged
+
+UNTIL_ANSWERED = WindowSpec(mode="until-answered", span_ms=1000)
+
+
+@dataclass
+class Lesson:
+    """The services, and what a test asks of them."""
+
+    data: Path
+    endpoint: str
+    url: str
+    operator: Operator
+    sessions: int = 0
+    ids: dict[str, str] = field(default_factory=dict)
+
+    def session(self, **changes: Any) -> str:  # noqa: ANN401 - any field of CreateSession
+        """Create a session and return its name."""
+        self.sessions += 1
+        name = f"s{self.sessions}"
+        world = World(level=packaged("room")[0].to_xsb(), level_name="room")
+        fields: dict[str, Any] = {"episodes": 5, "window": UNTIL_ANSWERED, "seed": 7}
+        self.operator.create(CreateSession(session=name, world=world, **(fields | changes)))
+        return name
+
+    def link(self, session: str, name: str | None = "ann", *, people: int = 2, url: str | None = None) -> str:
+        """Return a link for one person, or an invitation for several."""
+        token_id = new_token_id()
+        expires_s = int(time.time()) + 3600
+        common = {"session": session, "expires_s": expires_s, "token_id": token_id}
+        if name is None:
+            identity = Identity(role=Role.INVITATION, people=people, **common)  # type: ignore[arg-type]
+        else:
+            identity = Identity(role=Role.TEACHER, pseudonym=name, **common)  # type: ignore[arg-type]
+        self.ids[session] = token_id
+        return f"{url or self.url}/#t={sign(identity, load_secrets(self.data / 'gateway'))}"
+
+    def revoke(self, session: str) -> None:
+        """Withdraw the last link to a session."""
+        Register(self.data / "gateway").revoke(self.ids[session])
+
+    def report(self, session: str) -> SessionReport:
+        """Return what the learner knows of a session."""
+        return self.operator.show(session)[0]
+
+
+@contextmanager
+def lesson(data: Path) -> Iterator[Lesson]:
+    """Yield real services in processes of their own."""
+    with ExitStack() as stack:
+        deployed = launch.Deployed(data, free_endpoint(), "local")
+        supervisor = launch.supervise(data, launch.make_directories(data))
+        stack.callback(supervisor.stop)
+        supervisor.start(launch.router(deployed))
+        gateway = launch.gateway(deployed, GatewaySection(enabled=True, listen="127.0.0.1:0"))
+        supervisor.start(launch.environment(deployed), launch.learner(deployed), gateway)
+        bus = open_bus(deployed.endpoint, 5000)
+        stack.callback(bus.close)
+        yield Lesson(data, deployed.endpoint, str(read_status(data)["url"]), Operator(bus, Keys("local")))

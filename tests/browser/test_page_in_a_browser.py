@@ -1,0 +1,347 @@
+"""The teaching page in a real Chromium, used as a person would (ring 3)."""
+
+import json
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from protocol.messages import WindowSpec
+from tests.browser.chromium import Chromium, Tab, chromium, program
+from tests.browser.lesson import Lesson, lesson
+
+pytestmark = [
+    pytest.mark.real,
+    pytest.mark.skipif(program() is None, reason="no Chromium is installed"),
+]
+PHONE = (390, 844)
+SHOWN = "document.querySelector('.teach')?.dataset.shown"
+FATE = "document.querySelector('.fate').dataset.state"
+MESSAGE = "!!document.getElementById('message')"
+SAVED = f"{FATE} === 'saved'"
+KEPT = "Object.keys(localStorage).filter((key) => key.startsWith('sfid.out.')).length"
+EARLY = WindowSpec(mode="early", span_ms=60_000)
+RESUMED_S = 2.0
+
+Open = Callable[..., Tab]
+
+
+@pytest.fixture(scope="module")
+def class_(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lesson]:
+    with lesson(tmp_path_factory.mktemp("lesson")) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Chromium]:
+    with chromium() as running:
+        yield running
+
+
+@pytest.fixture
+def open_tab(browser: Chromium) -> Iterator[Open]:
+    """Open tabs; at the end no tab may have seen an exception or a breach of the content policy."""
+    tabs: list[Tab] = []
+
+    def opened(url: str, person: str | None = None, *, phone: bool = False) -> Tab:
+        tab = browser.tab(person or browser.person(), PHONE if phone else (1280, 800), touch=phone)
+        tabs.append(tab)
+        tab.open(url)
+        return tab
+
+    yield opened
+    complaints = [line for tab in tabs for line in tab.complaints() if "INTERNET_DISCONNECTED" not in line]
+    for tab in tabs:
+        tab.close()
+    assert complaints == []
+
+
+def shown(tab: Tab) -> int:
+    """Wait until a decision that asks is on screen and return its number."""
+    return int(tab.wait(SHOWN).rpartition("/")[2])
+
+
+def next_shown(tab: Tab, before: int) -> int:
+    tab.wait(f"({SHOWN} ?? '').split('/').pop() === '{before + 1}'")
+    return before + 1
+
+
+def totals(class_: Lesson, session: str) -> tuple[int, int]:
+    labels = class_.report(session).labels
+    return labels.submitted, labels.applied
+
+
+def test_arrow_keys_teach_and_every_answer_is_told_to_be_saved(class_: Lesson, open_tab: Open) -> None:
+    session = class_.session()
+    tab = open_tab(class_.link(session))
+    number = shown(tab)
+    for key in ("ArrowUp", "h", "d", " "):
+        tab.key(key)
+        tab.wait(SAVED)
+        number = next_shown(tab, number)
+    assert tab.text(".fate").endswith("Nothing to say: saved")
+    assert totals(class_, session) == (3, 3)  # nothing to say is no answer to learn from
+    assert tab.run(KEPT) == 0
+
+
+def test_a_held_key_does_not_run_into_the_next_decision(class_: Lesson, open_tab: Open) -> None:
+    session = class_.session()
+    tab = open_tab(class_.link(session))
+    number = shown(tab)
+    tab.key("ArrowUp", up=False)
+    next_shown(tab, number)
+    for _ in range(20):
+        tab.key("ArrowUp", repeat=True, up=False)
+    assert tab.run("document.querySelector('.teach').classList.contains('open')") is True
+    assert totals(class_, session) == (1, 1)
+
+
+def test_a_second_press_for_the_same_decision_is_told_to_be_one_too_many(
+    class_: Lesson, open_tab: Open
+) -> None:
+    session = class_.session(window=EARLY, teachers_min=1)
+    other = open_tab(class_.link(session, "bea"))
+    shown(other)
+    tab = open_tab(class_.link(session))
+    shown(tab)
+    tab.run("document.querySelector('[data-input=UP]').focus()")
+    tab.key("Enter")
+    tab.wait(SAVED)
+    tab.click("[data-input=LEFT]")
+    tab.wait(f"{FATE} === 'hint'")
+    assert tab.text(".fate").endswith("This one has your answer.")
+    assert totals(class_, session)[0] == 1
+
+
+def test_fingers_tap_and_swipe_on_a_phone(class_: Lesson, open_tab: Open) -> None:
+    session = class_.session()
+    tab = open_tab(class_.link(session), phone=True)
+    number = shown(tab)
+    tab.tap("[data-input=LEFT]")
+    tab.wait(SAVED)
+    number = next_shown(tab, number)
+    tab.swipe(".frame", 0, -80)
+    tab.wait("document.querySelector('.fate').innerText.includes('Up: saved')")
+    next_shown(tab, number)
+    assert totals(class_, session) == (2, 2)
+    overflow = "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
+    assert tab.run(overflow) == list(PHONE)
+    small = tab.run(
+        "[...document.querySelectorAll('.pad button')].filter((b) => b.getBoundingClientRect().height < 44).length"
+    )
+    assert small == 0
+
+
+def test_a_reload_goes_on_at_the_same_decision_under_the_same_name(class_: Lesson, open_tab: Open) -> None:
+    session = class_.session()
+    tab = open_tab(class_.link(session, None))
+    number = shown(tab)
+    tab.key("ArrowUp")
+    number = next_shown(tab, number)
+    name = tab.run("document.documentElement.dataset.who")
+    assert tab.run("location.hash") == ""  # the token has left the address bar
+    began = time.monotonic()
+    tab.run("window.before = true")
+    tab.reload()
+    tab.wait(f"!window.before && {SHOWN}")
+    assert time.monotonic() - began < RESUMED_S
+    assert shown(tab) == number
+    assert tab.run("document.documentElement.dataset.who") == name
+    assert class_.report(session).summary.teachers == (name,)
+
+
+def test_an_answer_already_given_is_not_given_again_after_a_reload(class_: Lesson, open_tab: Open) -> None:
+    session = class_.session(window=EARLY)
+    shown(open_tab(class_.link(session, "bea")))
+    tab = open_tab(class_.link(session))
+    shown(tab)
+    tab.key("ArrowUp")
+    tab.wait(SAVED)
+    tab.run("window.before = true")
+    tab.reload()
+    tab.wait(f"!window.before && {SHOWN}")
+    tab.key("ArrowDown")
+    tab.wait(f"{FATE} === 'hint'")
+    assert totals(class_, session)[0] == 1
+
+
+def test_without_network_an_answer_is_kept_and_sent_when_it_is_back(class_: Lesson, open_tab: Open) -> None:
+    session = class_.session()
+    tab = open_tab(class_.link(session))
+    number = shown(tab)
+    tab.network(on=False)
+    tab.wait("document.getElementById('net').dataset.state === 'offline'")
+    tab.key("ArrowUp")
+    tab.wait(f"{FATE} === 'waiting'")
+    assert tab.run(KEPT) == 1
+    assert totals(class_, session) == (0, 0)
+    began = time.monotonic()
+    tab.network(on=True)
+    tab.wait("document.querySelector('.fate').innerText.includes('Up: saved')")
+    assert time.monotonic() - began < RESUMED_S
+    next_shown(tab, number)
+    assert totals(class_, session) == (1, 1)
+    assert tab.run(KEPT) == 0
+
+
+def test_an_answer_kept_without_network_survives_the_closing_of_the_page(
+    class_: Lesson, browser: Chromium, open_tab: Open
+) -> None:
+    session = class_.session()
+    person = browser.person()
+    tab = open_tab(class_.link(session), person)
+    number = shown(tab)
+    tab.network(on=False)
+    tab.wait("document.getElementById('net').dataset.state === 'offline'")
+    tab.key("ArrowUp")
+    tab.wait(f"{FATE} === 'waiting'")
+    tab.open("about:blank")
+    again = open_tab(class_.url, person)  # no token in this address: the browser has kept it
+    next_shown(again, number)
+    assert totals(class_, session) == (1, 1)
+    assert again.run(KEPT) == 0
+
+
+def test_two_people_teach_at_once_and_each_is_counted(class_: Lesson, open_tab: Open) -> None:
+    session = class_.session(window=EARLY, teachers_min=2)
+    link = class_.link(session, None, people=2)
+    ann, bea = open_tab(link), open_tab(link, phone=True)
+    number = shown(ann)
+    assert shown(bea) == number
+    ann.key("ArrowUp")
+    ann.wait(SAVED)
+    assert ann.text(".fate").endswith("Up: saved. Waiting for the others")
+    bea.tap("[data-input=UP]")
+    assert next_shown(ann, number) == next_shown(bea, number)
+    assert totals(class_, session) == (2, 2)
+    third = open_tab(link)
+    third.wait(MESSAGE)
+    assert "used by all it was for" in third.text("#message")
+
+
+def test_a_second_tab_takes_over_and_the_first_can_take_back(
+    class_: Lesson, browser: Chromium, open_tab: Open
+) -> None:
+    session = class_.session()
+    person = browser.person()
+    first = open_tab(class_.link(session), person)
+    number = shown(first)
+    second = open_tab(class_.url, person)
+    assert shown(second) == number
+    first.wait(MESSAGE)
+    assert "You went on in another tab" in first.text("#message")
+    first.key("ArrowUp")
+    assert totals(class_, session) == (0, 0)
+    first.front()
+    first.click("#again")
+    assert shown(first) == number
+    second.wait(MESSAGE)
+    assert class_.report(session).summary.teachers == ("ann",)
+
+
+def test_rewards_are_asked_for_with_the_move_that_they_judge(class_: Lesson, open_tab: Open) -> None:
+    session = class_.session(method="reward")
+    tab = open_tab(class_.link(session))
+    number = shown(tab)
+    assert tab.text("#asks") == "Was that a good move?"
+    assert tab.run("document.querySelectorAll('.arrow.did').length") == 1
+    tab.click("[data-input=good]")
+    tab.wait("document.querySelector('.fate').innerText.includes('Good move: saved')")
+    number = next_shown(tab, number)
+    tab.key("-")
+    tab.wait("document.querySelector('.fate').innerText.includes('Bad move: saved')")
+    next_shown(tab, number)
+    assert totals(class_, session) == (2, 2)
+
+
+def test_an_answer_after_the_window_is_told_to_be_too_late(class_: Lesson, open_tab: Open) -> None:
+    session = class_.session(window=WindowSpec(mode="full", span_ms=700))
+    tab = open_tab(class_.link(session))
+    shown(tab)
+    assert tab.run("document.querySelector('.teach').classList.contains('timed')") is True
+    tab.network(on=False)
+    tab.wait("document.getElementById('net').dataset.state === 'offline'")
+    decision = class_.report(session).summary.decision
+    tab.key("ArrowUp")
+    until = time.monotonic() + 10
+    while class_.report(session).summary.decision <= decision + 1 and time.monotonic() < until:
+        tab.run("new Promise((done) => setTimeout(done, 100))")
+    tab.network(on=True)
+    tab.wait(f"{FATE} === 'too_late'")
+    assert "too late to count, but saved" in tab.text(".fate")
+    labels = class_.report(session).labels
+    assert (labels.submitted, labels.applied, labels.late + labels.superseded) == (1, 0, 1)
+
+
+def test_a_withdrawn_link_is_explained(class_: Lesson, open_tab: Open) -> None:
+    session = class_.session()
+    tab = open_tab(class_.link(session))
+    shown(tab)
+    class_.revoke(session)
+    tab.wait(MESSAGE)
+    assert "This link has been withdrawn: ask for a new one." in tab.text("#message")
+
+
+def test_without_a_link_the_page_says_what_is_needed(class_: Lesson, open_tab: Open) -> None:
+    tab = open_tab(class_.url)
+    tab.wait(MESSAGE)
+    assert "A link is needed" in tab.text("#message")
+
+
+def test_a_screen_reader_hears_the_state_in_words_and_every_button_has_a_name(
+    class_: Lesson, open_tab: Open
+) -> None:
+    session = class_.session()
+    tab = open_tab(class_.link(session))
+    shown(tab)
+    words = tab.wait("document.getElementById('live').textContent.includes('Around the agent') "
+                     "&& document.getElementById('live').textContent")
+    assert words.startswith("Which way would you go?")
+    assert "1 boxes in place" in words
+    tab.wire.call("Accessibility.enable")
+    nodes = tab.wire.call("Accessibility.getFullAXTree")["nodes"]
+    names = [
+        (node["role"]["value"], node.get("name", {}).get("value", ""))
+        for node in nodes
+        if not node["ignored"] and node["role"]["value"] in {"button", "image"}
+    ]
+    assert [name for role, name in names if role == "button"] == [
+        "Up", "Left", "Right", "Down", "Nothing to say this time",
+    ]  # fmt: skip
+    assert [name.split(":")[0] for role, name in names if role == "image"] == ["Around the agent"]
+
+
+def test_nothing_moves_for_people_who_ask_for_that(class_: Lesson, open_tab: Open) -> None:
+    tab = open_tab(class_.link(class_.session()))
+    tab.media(**{"prefers-reduced-motion": "reduce"})
+    shown(tab)
+    assert tab.run("getComputedStyle(document.querySelector('.piece')).transitionDuration") == "0s"
+    tab.media(**{"prefers-reduced-motion": "no-preference"})
+    assert tab.run("getComputedStyle(document.querySelector('.piece')).transitionDuration") == "0.14s"
+
+
+@pytest.mark.parametrize("scheme", ["dark", "light"])
+def test_text_stands_out_from_its_ground(class_: Lesson, open_tab: Open, scheme: str) -> None:
+    tab = open_tab(class_.link(class_.session()))
+    tab.media(**{"prefers-color-scheme": scheme})
+    shown(tab)
+    names = ["--ink", "--soft", "--good", "--late", "--bad"]
+    colours = tab.run(
+        "(() => { const s = getComputedStyle(document.documentElement); const c = document.createElement('canvas')"
+        ".getContext('2d'); const rgb = (n) => { c.fillStyle = s.getPropertyValue(n); c.fillRect(0, 0, 1, 1);"
+        " return [...c.getImageData(0, 0, 1, 1).data].slice(0, 3); };"
+        f" return {json.dumps([*names, '--bg', '--panel'])}.map(rgb); }})()"
+    )
+    luminances = [_luminance(colour) for colour in colours]
+    for text in luminances[: len(names)]:
+        for ground in luminances[len(names) :]:
+            assert (max(text, ground) + 0.05) / (min(text, ground) + 0.05) >= 4.5
+
+
+def _luminance(colour: list[int]) -> float:
+    """The relative luminance of WCAG 2."""
+    red, green, blue = (
+        value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4
+        for value in (part / 255 for part in colour)
+    )
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
