@@ -122,7 +122,7 @@ def test_without_a_deadline_the_first_answer_starts_the_patience() -> None:
 def test_a_full_window_and_a_pause_close_at_no_quorum() -> None:
     for change in ("full", "held"):
         made = crowd("ann")
-        advance(made, 0, asked(**{change: True}))
+        advance(made, 0, asked(full=change == "full", held=change == "held"))
         assert says(made, "ann", label(UP)) == (accepted("ann"),)
 
 
