@@ -35,7 +35,7 @@ class Solution:
 
     def distance(self, board: Board) -> int | None:
         """Return the fewest steps from a position to solved, None when it cannot be solved."""
-        steps = int(self.steps[self.table.state_id(board)])
+        steps = self.steps.item(self.table.state_id(board))
         return None if steps == DEADLOCKED else steps
 
     def deadlocked(self, board: Board) -> bool:
@@ -44,10 +44,22 @@ class Solution:
 
     def optimal_actions(self, board: Board) -> tuple[Action, ...]:
         """Return, in index order, every action that begins a shortest solution; none when solved or dead."""
-        nearer = int(self.steps[self.table.state_id(board)]) - 1
+        state_id = self.table.state_id(board)
+        nearer = self.steps.item(state_id) - 1
         if nearer < 0:
             return ()
-        return tuple(action for action in ACTIONS if self._steps_after(board, action) == nearer)
+        compact = self.table.compact
+        walked = state_id - compact[board.player]
+        best = []
+        for action, ahead in zip(ACTIONS, self.table.level.neighbours, strict=True):
+            target = ahead[board.player]
+            if target == BLOCKED:
+                continue
+            # A walk keeps the rank of the boxes; only pushes are worth the price of a board.
+            after = self._pushed(board, action) if target in board.boxes else walked + compact[target]
+            if self.steps.item(after) == nearer:
+                best.append(action)
+        return tuple(best)
 
     def solution(self, board: Board) -> tuple[Action, ...]:
         """Return a shortest solution, at each choice the action first in index order.
@@ -67,8 +79,8 @@ class Solution:
         """Return, ascending, the id of every placement that can be solved and is not solved yet."""
         return np.flatnonzero(self.steps > 0)
 
-    def _steps_after(self, board: Board, action: Action) -> int:
-        return int(self.steps[self.table.state_id(step(board, action).board)])
+    def _pushed(self, board: Board, action: Action) -> int:
+        return self.table.state_id(step(board, action).board)
 
     @cached_property
     def longest(self) -> int:

@@ -78,7 +78,7 @@ class StateTable:
 
     def state_id(self, board: Board) -> int:
         """Return the id of a position; ValueError when it is no position of this level's table."""
-        compact, still = self._compact, self.still_boxes
+        compact, still = self.compact, self.still_boxes
         try:
             inside = [compact[box] for box in board.boxes if box not in still]
             player = compact[board.player]
@@ -111,7 +111,8 @@ class StateTable:
         return free.reshape(-1)
 
     @cached_property
-    def _compact(self) -> dict[int, int]:
+    def compact(self) -> dict[int, int]:
+        """Return the compact cell of each of the level's cells that the player could reach."""
         return {int(cell): index for index, cell in enumerate(self.cells)}
 
     @cached_property

@@ -113,6 +113,7 @@ def test_the_table_follows_the_rules_in_every_state(name: str) -> None:
         assert table.state_id(board) == state
         expected = [table.state_id(step(board, action).board) for action in ACTIONS]
         assert table.successor[state].tolist() == expected
+    assert (table.successors(states) == table.successor[states]).all()
     holes = np.flatnonzero(~table.is_position)
     assert (table.successor[holes] == holes[:, np.newaxis]).all()
 
