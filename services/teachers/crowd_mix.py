@@ -99,9 +99,9 @@ class Looking:
         """See Mind."""
         return self._teacher.label(decision, state, optimal)
 
-    def reward(self, decision: int, action: int, optimal: Iterable[int]) -> float | None:
+    def reward(self, decision: int, state: bytes, action: int, optimal: Iterable[int]) -> float | None:
         """See Mind."""
-        return self._teacher.reward(decision, action, optimal)
+        return self._teacher.reward(decision, state, action, optimal)
 
 
 class Blind:
@@ -116,7 +116,7 @@ class Blind:
         """See Mind."""
         return below(self._key, decision, self._actions) if self._constant is None else self._constant
 
-    def reward(self, decision: int, _action: int, _optimal: Iterable[int]) -> float | None:
+    def reward(self, decision: int, _state: bytes, _action: int, _optimal: Iterable[int]) -> float | None:
         """See Mind."""
         praise = unit(self._key, decision) < 0.5 if self._constant is None else self._constant % 2 == 0
         return 1.0 if praise else -1.0

@@ -72,7 +72,7 @@ class Mind(Protocol):
     def label(self, decision: int, state: bytes, optimal: Iterable[int]) -> int | None:
         """Return the action to name in a state, None for silence."""
 
-    def reward(self, decision: int, action: int, optimal: Iterable[int]) -> float | None:
+    def reward(self, decision: int, state: bytes, action: int, optimal: Iterable[int]) -> float | None:
         """Return what is thought of an action, None for silence."""
 
 
