@@ -3,6 +3,7 @@
 import math
 import time
 from fractions import Fraction
+from statistics import NormalDist
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from sfid_core.experiments.intervals import (
     student_interval,
     wilson_intervals,
 )
+from sfid_core.experiments.student import t_quantile
 
 KINDS = list(IntervalKind)
 
@@ -89,6 +91,30 @@ def test_intervals_of_skewed_counts_cover_the_mean_nearly_as_often_as_they_say(k
     values = np.random.default_rng(8).geometric(0.05, size=(200, 3000)).astype(np.float64)
     found = mean_intervals(values, Resampling(resamples=1000, kind=kind))
     assert 0.925 <= ((found[:, 0] <= 20.0) & (found[:, 1] >= 20.0)).mean() <= 0.965
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_few_seeds_of_normal_values_get_the_width_of_students_interval(kind: IntervalKind) -> None:
+    values = np.random.default_rng(13).normal(size=(10, 400))
+    found = mean_intervals(values, Resampling(resamples=4000, kind=kind))
+    students = [np.subtract(*student_interval(column)[::-1]) for column in values.T]
+    assert float(np.mean(found[:, 1] - found[:, 0]) / np.mean(students)) == pytest.approx(1, abs=0.02)
+
+
+def test_bca_takes_the_quantiles_of_its_definition() -> None:
+    """Efron's formulas written out: the bias by counting, the acceleration by leaving one out."""
+    values = np.random.default_rng(14).gamma(0.7, size=12)
+    resampling = Resampling(seed=8, resamples=3000, kind=IntervalKind.BCA)
+    means = bootstrap_means(values, resampling)
+    normal = NormalDist()
+    bias = normal.inv_cdf(float(np.mean(means < values.mean())))
+    left_out = np.array([np.delete(values, seed).mean() for seed in range(12)])
+    gaps = left_out.mean() - left_out
+    acceleration = float((gaps**3).sum() / (6 * (gaps**2).sum() ** 1.5))
+    z = math.sqrt(12 / 11) * t_quantile(0.975, 11)
+    ranks = [normal.cdf(bias + (bias + w) / (1 - acceleration * (bias + w))) for w in (-z, z)]
+    assert mean_interval(values, resampling) == pytest.approx(np.quantile(means, ranks).tolist(), abs=1e-9)
+    assert abs(bias) > 0.01
 
 
 def test_bca_is_shifted_towards_the_long_tail() -> None:

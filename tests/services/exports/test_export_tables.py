@@ -81,6 +81,12 @@ def test_the_same_table_gives_the_same_bytes_whether_listed_or_in_arrays() -> No
     assert parquet_bytes(listed) == parquet_bytes(arrays)
 
 
+def test_what_is_not_a_number_is_a_missing_cell_in_arrays_of_every_kind() -> None:
+    half_known = np.array([1.0, np.nan])
+    table = Table("t", "t", COLUMNS[1:], {column.name: half_known for column in COLUMNS[1:]})
+    assert csv_bytes(table) == b"count,time_s,agreed\n1,1.0,true\n,,\n"
+
+
 def test_a_table_without_rows_keeps_its_header() -> None:
     empty = Table("t", "t", COLUMNS[:1], {"who": []})
     assert (csv_bytes(empty), empty.n_rows) == (b"who\n", 0)
