@@ -121,8 +121,17 @@ class WorldTables:
     def draw_starts(self, seed: int) -> TableStarts:
         """Return the starts of the world with this seed, as `World.begin` gives them; raises WorldError."""
         key = stream(seed, "starts")
+        ids = self._drawn(key) if self.starts.kind is StartKind.SAMPLE else self._every_start
+        return TableStarts(ids, StartOrder(len(ids), self.starts.kind, key))
+
+    def _drawn(self, key: int) -> npt.NDArray[np.int32]:
         ids = start_ids(self._solvable, self.optimal_steps, self._own_start, self.starts, key)
-        return TableStarts(ids.astype(np.int32), StartOrder(len(ids), self.starts.kind, key))
+        return ids.astype(np.int32)
+
+    @cached_property
+    def _every_start(self) -> npt.NDArray[np.int32]:
+        """Return the starts where no key chooses among them: the same for every seed."""
+        return self._drawn(0)
 
     @cached_property
     def _own_start(self) -> int:
