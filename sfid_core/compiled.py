@@ -32,7 +32,7 @@ def compiler_available() -> bool:
 
 
 def linked(function: Kernel, parts: Mapping[str, Callable[..., Any]]) -> Kernel:
-    """Return the function with the named globals replaced by `parts`, in kernels that it calls too, as Python."""
+    """Return the function as Python with the named globals replaced by `parts`, in what it calls too."""
     return cast("Kernel", _linked(cast("FunctionType", function), dict(parts)))
 
 

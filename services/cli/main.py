@@ -9,7 +9,20 @@ from typer.exceptions import TyperException
 
 from protocol.codec import DecodeError
 from protocol.keys import KeyNameError
-from services.cli import aggregate, crowd, demo, gateway, journal, levels, serve, session, simulate, teach, up
+from services.cli import (
+    aggregate,
+    crowd,
+    demo,
+    experiment,
+    gateway,
+    journal,
+    levels,
+    serve,
+    session,
+    simulate,
+    teach,
+    up,
+)
 from services.cli.failure import BAD_USAGE, CommandError
 from services.client import TeachingError
 from services.router import RouterError
@@ -33,7 +46,20 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-for group in (demo, up, serve, aggregate, gateway, teach, session, journal, levels, crowd, simulate):
+for group in (
+    demo,
+    up,
+    serve,
+    aggregate,
+    gateway,
+    teach,
+    session,
+    journal,
+    levels,
+    crowd,
+    experiment,
+    simulate,
+):
     group.add_to(app)
 
 

@@ -30,7 +30,7 @@ from sfid_core.experiments.lane import (
     greedy_share,
     run_lanes,
 )
-from sfid_core.learning.kernels import Draws, Memory
+from sfid_core.learning.kernels import Memory
 from sfid_core.learning.learner import learner_draws, table_sha256
 from sfid_core.learning.method import Method
 from sfid_core.learning.methods import method_named

@@ -132,7 +132,7 @@ def begin(m: Memory, p: tuple[float, ...], episode: int) -> None:
 
 
 @kernel
-def run_lane(  # noqa: PLR0913, PLR0915 - one loop, told in order
+def run_lane(  # noqa: PLR0913, PLR0915, PLR0917 - one loop, told in order
     world: LaneWorld,
     plan: LanePlan,
     m: Memory,
@@ -219,7 +219,7 @@ def run_lane(  # noqa: PLR0913, PLR0915 - one loop, told in order
 
 
 @kernel
-def run_lanes(
+def run_lanes(  # noqa: PLR0913, PLR0917 - as run_lane
     world: LaneWorld,
     plan: LanePlan,
     m: Memory,
@@ -296,7 +296,7 @@ def merged_label(
 
 
 @kernel
-def merged_reward(  # noqa: PLR0913 - what the answers depend on
+def merged_reward(
     world: LaneWorld,
     plan: LanePlan,
     teachers: tuple[LaneTeacher, ...],

@@ -14,7 +14,7 @@ class ParameterError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """The numbers a parameter may take: low <= x <= high, or low < x where `above`, x < high where `below`."""
+    """The numbers a parameter may take, low to high: not low itself where `above`, not high where `below`."""
 
     low: float
     high: float

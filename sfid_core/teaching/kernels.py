@@ -144,7 +144,7 @@ def label_of(
 
 
 @kernel
-def reward_of(  # noqa: PLR0913 - what a reward depends on
+def reward_of(  # noqa: PLR0913, PLR0917 - what a reward depends on
     t: TeacherParameters,
     m: TeacherMemory,
     key: int,

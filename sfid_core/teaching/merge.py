@@ -73,7 +73,7 @@ def merge_rewards(answers: Iterable[Answer]) -> float | None:
 
 
 def merge_guidance(answers: Iterable[Answer]) -> int:
-    """Return the actions that more than half of the guiding teachers named, as bits; 0 where there are none."""
+    """Return the actions that more than half of the guiding teachers named, as bits; 0 for none."""
     sets = [set(answer.guidance) for answer in answers if answer.kind is AnswerKind.GUIDANCE]
     named = {action for one in sets for action in one}
     return sum(1 << action for action in named if 2 * sum(action in one for one in sets) > len(sets))
