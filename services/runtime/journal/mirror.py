@@ -45,9 +45,10 @@ class Mirror:
     def write(self, group: bytes) -> None:
         """Write one frame around `group` behind `end`, not yet synced."""
         data = frame(group)
+        # Before the writing, because a write that fails may have left some bytes.
+        self._written = self.end + len(data)
         with translated(self.path):
             write_at(self._fd, data, self.end)
-        self._written = self.end + len(data)
 
     def start_sync(self) -> None:
         """Have the written frame synced by another thread; `wait_synced` comes before anything else."""
@@ -64,8 +65,14 @@ class Mirror:
         """Take the written frame as part of the log."""
         self.end = self._written
 
+    def drop_written(self) -> None:
+        """Take a frame that was written and not settled out of the file: a full disk gets its bytes back."""
+        if self._written != self.end:
+            self.cut()
+            self._written = self.end
+
     def cut(self) -> None:
-        """Drop what stands behind `end`, so that a full disk gets its bytes back."""
+        """Drop whatever stands behind `end`."""
         with translated(self.path):
             os.ftruncate(self._fd, self.end)
 

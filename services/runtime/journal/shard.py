@@ -251,12 +251,15 @@ class Shard:
 
     def _undo(self) -> None:
         """Take the failed group out of both files; what cannot be taken out makes them suspect."""
-        try:
-            self._store.roll_back()
-            if not self._suspect:
-                self._mirror.cut()
-        except JournalError:
-            self._suspect = True
+        # The mirror first, while the transaction keeps a new owner out: what it writes must not be cut.
+        steps = (
+            (self._store.roll_back,) if self._suspect else (self._mirror.drop_written, self._store.roll_back)
+        )
+        for step in steps:
+            try:
+                step()
+            except JournalError:
+                self._suspect = True
 
     def _refuse_duplicate(self, session: str, unique: bytes) -> None:
         if len(unique) != UNIQUE_BYTES:

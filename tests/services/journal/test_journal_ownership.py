@@ -70,6 +70,32 @@ def test_an_old_writer_whose_lock_file_was_stolen_cannot_commit(tmp_path: Path) 
     assert verify(tmp_path).problems == ()
 
 
+def test_a_writer_fenced_by_the_epoch_alone_leaves_what_the_new_owner_wrote(tmp_path: Path) -> None:
+    """Two lock files stand for a file system that gives the lock to both."""
+    files = tmp_path / "shard-0"
+    old = Shard.open(tmp_path)
+    old.append("s", "answer", b"in time", at_ns=0)
+    old.commit()
+    (files / "lock").rename(files / "lock-of-the-old")
+    new = Shard.open(tmp_path)
+    new.append("s", "answer", b"the new owner's", at_ns=1)
+    new.commit()
+    mirror = (files / "journal.mirror").read_bytes()
+    (files / "lock").rename(files / "lock-of-the-new")
+    (files / "lock-of-the-old").rename(files / "lock")
+    old.append("s", "answer", b"too late", at_ns=2)
+    with pytest.raises(JournalFenced, match="newer learner"):
+        old.commit()
+    assert (files / "journal.mirror").read_bytes() == mirror
+    old.discard_pending()
+    old.close()
+    (files / "lock-of-the-new").rename(files / "lock")
+    new.append("s", "answer", b"and on", at_ns=3)
+    new.close()
+    assert [row.body for row in read_rows(tmp_path)] == [b"in time", b"the new owner's", b"and on"]
+    assert (verify(tmp_path).problems, verify(tmp_path).notes) == ((), ())
+
+
 def test_the_epoch_alone_fences_a_writer_that_still_holds_its_lock(tmp_path: Path) -> None:
     old = Shard.open(tmp_path)
     old.append("s", "answer", b"in time", at_ns=0)
