@@ -1,10 +1,11 @@
 """One confusion matrix a worker, learnt one decision after the other.
 
 Between refreshes each decision adds its expected counts to its workers' matrices. When the labels have
-grown by a quarter, EM runs over the history from where it stands (a warm start takes few iterations), so
-that a label costs a constant time on average. Without a prior on the diagonal the matrices of sparse data
-collapse; ours is centred on the worker's own accuracy, which makes a worker with few labels a one-coin
-worker.
+grown by a quarter, EM runs over the history, so that a label costs a constant time on average. It starts
+from the shares of the vote, not from what was concluded on the way: early conclusions are sure of
+themselves, and a worker whose errors have a system would stay misread. Without a prior on the diagonal the
+matrices of sparse data collapse; ours is centred on the worker's own accuracy, which makes a worker with
+few labels a one-coin worker.
 """
 
 from collections import deque
@@ -14,27 +15,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfid_core.crowd.em import Floats, Ints, Layout, Prior, Votes, maximise
+from sfid_core.crowd.em import Floats, Ints, Layout, Prior, Votes, maximise, vote_shares
 from sfid_core.crowd.evidence import Vote, influence_limit, softmax
 from sfid_core.crowd.settings import CrowdSettings
 from sfid_core.crowd.tally import Reliability, rated
 
 GROWTH = 0.25
 """Share by which the labels grow before EM runs again."""
-FIRST_REFRESH = 200
-"""Labels before the first run, which settles who is believed: with fewer it settles too early."""
-WARM_ITERATIONS = 10
+FIRST_REFRESH = 40
+"""Labels before the first run: fewer say nothing about K * K numbers a worker."""
+REFRESH_ITERATIONS = 20
 
 
 class Closed(NamedTuple):
     """A decision of the history."""
 
-    votes: tuple[tuple[int, int], ...]
+    votes: list[tuple[int, int]]
     """Worker's index and action."""
     weight: float
-    posterior: tuple[float, ...]
-    fixed: bool
-    """Whether the posterior is known: gold, or what the solver excused."""
+    known: list[float] | None
+    """The posterior where it is settled: gold, or what the solver excused."""
 
 
 class Matrix:
@@ -157,14 +157,14 @@ class DawidSkeneOnline:
             matrix.counts[label] = [a + weight * b for a, b in zip(row, posterior, strict=True)]
             rows.append((index, label))
         self._class_sums = [a + b for a, b in zip(self._class_sums, posterior, strict=True)]
-        self._history.append(Closed(tuple(rows), weight, tuple(posterior), fixed))
+        self._history.append(Closed(rows, weight, posterior if fixed else None))
         self._labels += len(rows)
         self._unrefreshed += len(rows)
         while self._labels > self._settings.history_max and len(self._history) > 1:
             self._labels -= len(self._history.popleft().votes)
 
     def _refresh(self) -> None:
-        """Run EM over the history and put its counts and posteriors in the place of the running ones."""
+        """Run EM over the history and put its counts in the place of the running ones."""
         history = self._history
         sizes = [len(closed.votes) for closed in history]
         flat = np.array([vote for closed in history for vote in closed.votes], dtype=np.intp)
@@ -172,20 +172,17 @@ class DawidSkeneOnline:
             np.repeat(np.arange(len(history)), sizes), flat[:, 0], flat[:, 1],
             len(history), len(self._names), self._actions,
         )  # fmt: skip
-        start = np.array([closed.posterior for closed in history])
-        fixed = np.array([closed.fixed for closed in history])
+        start = vote_shares(votes)
+        fixed = np.array([closed.known is not None for closed in history])
+        if fixed.any():
+            start[fixed] = [closed.known for closed in history if closed.known is not None]
         weights = np.repeat([closed.weight for closed in history], sizes) * self._ages(flat[:, 0])
         estimate = maximise(
-            Layout(votes, weights), start, self._prior,
-            fixed=fixed, iterations=WARM_ITERATIONS, tolerance=1e-4,
-        )  # fmt: skip
+            Layout(votes, weights), start, self._prior, fixed=fixed, iterations=REFRESH_ITERATIONS
+        )
         for matrix, counts in zip(self._matrices, estimate.counts.tolist(), strict=True):
             matrix.counts = counts
         self._class_sums = [1.0 + value for value in estimate.posterior.sum(axis=0).tolist()]
-        self._history = deque(
-            closed._replace(posterior=tuple(row))
-            for closed, row in zip(history, estimate.posterior.tolist(), strict=True)
-        )
         self._unrefreshed = 0
 
     def _ages(self, workers: Ints) -> Floats:

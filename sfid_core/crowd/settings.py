@@ -51,7 +51,7 @@ class CrowdSettings:
     """Labels after which one who answers as chance would is called a spammer, 1 to 1,000,000."""
     gold_weight: float = 5.0
     """Ordinary labels that a label on a gold state counts for, 0.001 to 100."""
-    diagonal_prior: float = 2.0
+    diagonal_prior: float = 1.0
     """Dawid-Skene: labels a class that the prior of a worker's matrix is worth, 0.001 to 1000."""
     history_max: int = 50_000
     """Dawid-Skene: the latest labels that the matrices are estimated from, 100 to 10,000,000."""
