@@ -9,7 +9,7 @@ from random import Random
 from protocol.codec import DecodeError, decode, encode
 from protocol.keys import Keys
 from protocol.messages import Answer, Control, CreateSession, Decision, Refusal, SessionQuery
-from services.client import Client
+from services.client import Client, Opened
 from services.environment import Environment
 from services.learner.config import LearnerConfig
 from services.learner.service import Learner
@@ -190,6 +190,10 @@ class TeacherNode(Node):
         self._client: Client | None = None
         self._script: Script | None = None
 
+        self.done = False
+        """Whether it left because the session is finished and nothing of its own is left to be told."""
+        self._over = False
+
     @property
     def unacknowledged(self) -> int:
         """Answers that the learner has not acknowledged."""
@@ -197,6 +201,7 @@ class TeacherNode(Node):
 
     def begin(self) -> None:
         """See Node."""
+        self.done = self._over = False
         self._client = Client(
             self.bus, KEYS, SESSION, self.name,
             outbox=self._outbox, clock=self.timeline, measures=True, chance=self.chance,
@@ -212,13 +217,19 @@ class TeacherNode(Node):
         while True:
             while (update := client.next(0)) is not None:
                 script.hear(update, self.timeline.now_ns())
+                if isinstance(update, Opened):
+                    self._over = self._over or update.decision.phase == "finished"
             said = script.speak(self.timeline.now_ns())
             if said is None:
-                return
+                break
             silent = said.action is None and said.reward is None
             client.answer(
                 said.decision, kind="abstain" if silent else None, action=said.action, reward=said.reward
             )
+        if self._over and not self.unacknowledged:
+            self.done = True
+            client.close()
+            self.kill()
 
     def due_ns(self) -> int | None:
         """See Node."""
@@ -300,11 +311,12 @@ class MeddlerNode(Node):
 
     It repeats what they sent, sends other contents under the same ids, answers decisions that are over or
     not open, for states that they were not asked about, and sends bytes that are no messages. None of this
-    may change what is learnt.
+    may change what is learnt. Unless it is `faithful` it also has second thoughts about open decisions.
     """
 
-    def __init__(self, hub: FaultyHub, seed: int) -> None:
+    def __init__(self, hub: FaultyHub, seed: int, *, faithful: bool) -> None:
         super().__init__(hub, "meddler", seed)
+        self._faithful = faithful
         self.acknowledged: list[tuple[str, bytes]] = []
         """(key, payload) of answers that were acknowledged."""
         self._decision: Decision | None = None
@@ -324,7 +336,7 @@ class MeddlerNode(Node):
 
     def _meddled(self, chance: Random, payload: bytes) -> bytes:
         before, decision = decode(payload, Answer), self._decision
-        deed = chance.randrange(6)
+        deed = chance.randrange(6 if self._faithful else 8)
         if deed == 0 or decision is None:
             return payload
         if deed == 1:
@@ -339,10 +351,27 @@ class MeddlerNode(Node):
         if deed == 4:
             other = bytes(byte ^ 0x55 for byte in decision.state) or b"elsewhere"
             return _with(before, **fresh, decision=decision.decision, step=decision.step, state=other)
-        return payload[: chance.randrange(len(payload))] + chance.randbytes(3)
+        if deed == 5:
+            return payload[: chance.randrange(len(payload))] + chance.randbytes(3)
+        return _with(before, **fresh, **_second_thoughts(chance, before, decision))
 
     def turn(self) -> None:
         """See Node."""
+
+
+def _second_thoughts(chance: Random, before: Answer, decision: Decision) -> dict[str, object]:
+    """Return what turns an answer into another one to the open decision."""
+    place = {"decision": decision.decision, "episode": decision.episode, "step": decision.step}
+    judges = before.kind == "reward"
+    said = {
+        "action": decision.action if judges else chance.choice(decision.actions),
+        "reward": chance.choice((-1.0, 1.0)) if judges else None,
+    }
+    return (
+        place
+        | {"epoch": decision.epoch, "state": decision.state}
+        | (said if before.kind != "abstain" else {})
+    )
 
 
 def _with(answer: Answer, **changes: object) -> bytes:

@@ -32,6 +32,8 @@ STORM_NS = 300 * SECOND
 """Faults end after so long: what is not finished then has to finish without them."""
 CALM_NS = 300 * SECOND
 """Within so long after the faults a session is finished, or it stands still."""
+TAIL_NS = SECOND // 2
+"""Faults go on for so long after the end was told: it must hold."""
 QUIET_NS = 2 * SECOND
 """What is still on its way arrives within so long; the report is asked for after it."""
 APPOINTMENTS_MAX = 400_000
@@ -80,13 +82,13 @@ class Stage:
         self.environment = EnvironmentNode(self.hub, seed)
         self.operator = OperatorNode(self.hub, seed, lesson.config)
         self.teachers = {name: self._teacher(name) for name in lesson.teachers}
-        self.meddler = MeddlerNode(self.hub, seed)
+        self.meddler = MeddlerNode(self.hub, seed, faithful=lesson.exact)
         self._processes: dict[str, Node] = {
             "learner": self.learner, "environment": self.environment, **self.teachers
         }  # fmt: skip
         self._left: set[str] = set()
         self._restarting: set[str] = set()
-        self._finished = False
+        self._finished = self._healed = False
 
     def _teacher(self, name: str) -> TeacherNode:
         lesson = self._scenario.lesson
@@ -102,6 +104,7 @@ class Stage:
         if self._scenario.meddler:
             self.meddler.start()
         self._until(lambda: self._finished, STORM_NS)
+        self._until(lambda: False, TAIL_NS)
         self._heal()
         self._until(self._settled, CALM_NS)
         if self._finished:
@@ -120,9 +123,7 @@ class Stage:
 
     def _settled(self) -> bool:
         return self._finished and all(
-            node.alive and not node.unacknowledged
-            for name, node in self.teachers.items()
-            if name not in self._left
+            node.done for name, node in self.teachers.items() if name not in self._left
         )
 
     def _restart_soon(self, node: Node) -> None:
@@ -138,13 +139,13 @@ class Stage:
     def _heal(self) -> None:
         """End all faults and start what is dead; a disk that failed works again."""
         self.meddler.kill()
-        self._trials.clear()
+        self._healed = True
         self.hub.heal()
         self.disk.faults = DiskFaults()
         for node in self._processes.values():
             if node.bus in self.hub.buses:
                 node.bus.set_online(online=True)
-            if node.name not in self._left:
+            if node.name not in self._left and not (isinstance(node, TeacherNode) and node.done):
                 node.start()
 
     # ------------------------------------------------------------ what is seen, and what follows from it
@@ -162,7 +163,8 @@ class Stage:
 
     def _on_decision(self, decision: Decision) -> None:
         self._finished = decision.phase == "finished"
-        while self._trials and self._trials[0].decision <= decision.decision:
+        # What was meant for later than the end happens at the end.
+        while self._trials and (self._finished or self._trials[0].decision <= decision.decision):
             trial = self._trials.pop(0)
             self.timeline.call_in(trial.after_ns, partial(self._try, trial))
 
@@ -177,6 +179,8 @@ class Stage:
         self.meddler.acknowledged.append((seen.key, asked.payload))
 
     def _try(self, trial: Trial) -> None:
+        if self._healed:
+            return
         node = self._processes[trial.who]
         match trial.what:
             case What.KILL_LEARNER | What.KILL_ENVIRONMENT | What.KILL_TEACHER:
