@@ -58,8 +58,7 @@ TOTALS = {
     "agreement": Column(
         "agreement",
         Kind.NUMBER,
-        "Share of states, weighted by visits, in which the agent's greedy action is one that the teacher "
-        "prefers, after the last episode.",
+        "Share of the last episode's steps on which the agent's action was one that the teacher prefers.",
     ),
     "success": Column(
         "success", Kind.NUMBER, "Share of start states from which the greedy agent solves the level."
@@ -143,7 +142,11 @@ def claim_table(claims: Sequence[Claim]) -> Table:
     columns = (
         Column("claim", Kind.TEXT, "The sentence."),
         Column("holds", Kind.TRUTH, "Whether its interval supports it; otherwise it is not shown."),
-        Column("difference", Kind.NUMBER, "Mean over seeds of the paired difference."),
+        Column(
+            "difference",
+            Kind.NUMBER,
+            "Mean over seeds of the paired difference, in the unit of what the claim is about.",
+        ),
         Column("lo", Kind.NUMBER, "Lower end of the difference's interval."),
         Column("hi", Kind.NUMBER, "Upper end of the difference's interval."),
         Column("level", Kind.NUMBER, "Coverage of the interval: 0.9 for two one-sided tests at 5 %."),

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from services.plots.model import Line, Panel, PlotError, Width
@@ -129,4 +130,6 @@ def _draw_optimum(axes: Axes, panel: Panel) -> None:
         va="bottom" if curves_above else "top",
         fontsize=6,
         color=MUTED,
+        path_effects=[withStroke(linewidth=1.6, foreground="white")],  # legible on a curve, too
+        zorder=4,
     )
