@@ -21,13 +21,13 @@ from services.cli.level_rows import (
     tracked,
 )
 from services.cli.options import Json, Seed, print_json
+from services.cli.session import SEED_MAX
 from sfid_core.sokoban.board import Level
 from sfid_core.sokoban.generator import Recipe, generate
 from sfid_core.sokoban.levels import collection, packaged_levels
 
 __all__ = ["add_to", "find_level"]
 
-SEED_MAX = 2**53 - 1
 LEVELS_MAX = 1_000
 
 _SIZE = re.compile(r"([0-9]{1,4})x([0-9]{1,4})")

@@ -4,7 +4,7 @@ A level has many more positions than an episode meets: those that cannot be solv
 start does not lead to never come up.  What is left is a few per cent of a Boxoban level.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,6 +16,7 @@ from sfid_core.mdp import StateOutcome, TabularMDP
 from sfid_core.sokoban.actions import ACTIONS
 from sfid_core.sokoban.board import Board, Level
 from sfid_core.sokoban.solver import DEADLOCKED, Solution, StateIds
+from sfid_core.sokoban.start_arrays import sampled_ids, start_indexes
 from sfid_core.sokoban.starts import StartKind, StartOrder, Starts, WorldError, start_ids
 from sfid_core.sokoban.tables import StateTable, count_states, spoken
 from sfid_core.sokoban.world import World, WorldConfig
@@ -123,6 +124,16 @@ class WorldTables:
         key = stream(seed, "starts")
         ids = self._drawn(key) if self.starts.kind is StartKind.SAMPLE else self._every_start
         return TableStarts(ids, StartOrder(len(ids), self.starts.kind, key))
+
+    def starts_of(self, seeds: Sequence[int], episodes: int) -> npt.NDArray[np.int32]:
+        """Return int32 [n_seeds, episodes]: `draw_starts(seed).starts(episodes)` of each seed, far sooner."""
+        keys = [stream(seed, "starts") for seed in seeds]
+        if self.starts.kind is StartKind.SAMPLE:
+            ids = sampled_ids(keys, self._solvable, self._own_start, self.starts.count).astype(np.int32)
+        else:
+            ids = np.broadcast_to(self._every_start, (len(keys), len(self._every_start)))
+        indexes = start_indexes(keys, self.starts.kind, ids.shape[1], episodes)
+        return np.take_along_axis(ids, indexes, axis=1)
 
     def _drawn(self, key: int) -> npt.NDArray[np.int32]:
         ids = start_ids(self._solvable, self.optimal_steps, self._own_start, self.starts, key)

@@ -159,7 +159,7 @@ def start_ids(pool: Ids, steps: npt.NDArray[np.integer], own: int, spec: Starts,
         message = f"starts: {spec.count} asked for, but the level has only {len(pool)} that can be solved"
         raise WorldError(message)
     others = pool[pool != own]
-    drawn = _drawn(stream(key, "sample"), len(others), spec.count - 1)
+    drawn = drawn_among(stream(key, "sample"), len(others), spec.count - 1)
     return np.array([own, *others[drawn]], dtype=np.int64)
 
 
@@ -186,7 +186,7 @@ def _check_own_start(level: Level, solution: Solution | None) -> None:
     raise WorldError(message)
 
 
-def _drawn(key: int, n: int, count: int) -> list[int]:
+def drawn_among(key: int, n: int, count: int) -> list[int]:
     """Return `count` different ints below n in drawn order: the first draws of a Fisher-Yates shuffle."""
     moved: dict[int, int] = {}
     drawn = []
@@ -199,4 +199,4 @@ def _drawn(key: int, n: int, count: int) -> list[int]:
 
 @lru_cache(maxsize=16)
 def _shuffled(key: int, n: int) -> tuple[int, ...]:
-    return tuple(_drawn(key, n, n))
+    return tuple(drawn_among(key, n, n))

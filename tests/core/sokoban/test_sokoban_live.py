@@ -1,6 +1,7 @@
 """Compact tables: the same world as the boards say, under fewer numbers."""
 
 from collections import deque
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from sfid_core.sokoban.actions import ACTIONS
 from sfid_core.sokoban.board import Board
 from sfid_core.sokoban.levels import load_bytes, packaged, parse_levels
 from sfid_core.sokoban.live import WorldTables, tabulate
+from sfid_core.sokoban.starts import Starts
 from sfid_core.sokoban.world import World, WorldConfig, WorldError
 
 BOXOBAN = Path(__file__).resolve().parents[4] / "shared" / "data" / "boxoban-test-100.txt"
@@ -93,6 +95,18 @@ def test_every_seed_draws_from_the_tables_the_starts_of_its_own_world(starts: st
     assert [drawn.start(episode) for episode in range(40)] == drawn.starts(40).tolist()
 
 
+@pytest.mark.parametrize("starts", ["1", "2", "4", "64", "100", "192", "all", "within:1", "within:9"])
+@pytest.mark.parametrize("episodes", [1, 30, 130])
+def test_many_seeds_at_once_draw_the_starts_that_each_draws_alone(starts: str, episodes: int) -> None:
+    tables = tabulate(World(ROOM, CONFIG, starts, 1))
+    seeds = [0, 1, 7, 2**53 - 1]
+    alone = np.array([tables.draw_starts(seed).starts(episodes) for seed in seeds])
+    together = tables.starts_of(seeds, episodes)
+    assert (together.dtype, together.shape) == (np.dtype(np.int32), (4, episodes))
+    assert (together == alone).all()
+    assert tables.starts_of([], episodes).shape == (0, episodes)
+
+
 def test_the_sink_is_the_last_state_and_stands_for_whatever_is_not_live() -> None:
     tables = tabulate(World(ROOM, CONFIG, "all", 0))
     corner = ROOM.start.with_state(ROOM.player, (8,))
@@ -143,6 +157,12 @@ def test_a_world_without_tables_is_refused_with_its_reason(
     world = World(parse_levels(rows)[0], WorldConfig(states_max=states_max), starts, 0)
     with pytest.raises(WorldError, match=complaint):
         tabulate(world)
+
+
+def test_a_sample_larger_than_the_level_is_refused_for_many_seeds_too() -> None:
+    tables = replace(tabulate(World(ROOM, CONFIG, "4", 0)), starts=Starts.parse("193"))
+    with pytest.raises(WorldError, match="193 asked for, but the level has only 192 that can be solved"):
+        tables.starts_of([0, 1], 30)
 
 
 @pytest.mark.skipif(not BOXOBAN.exists(), reason="the Boxoban test levels are not on this machine")
