@@ -185,6 +185,8 @@ class FoldedCrowd:
     config: CrowdConfig
     known: set[str] = field(default_factory=set)
     """Everybody who ever joined."""
+    asked: AskedRow | None = None
+    """What was put to the crowd last."""
     handed: deque[Handed] = field(default_factory=lambda: deque(maxlen=HANDED_KEPT))
     closings: list[tuple[ClosedRow, Said | None]] = field(default_factory=list)
     """Each closing as it was noted, and what the answers that are left come to now; None where nothing was
@@ -231,7 +233,8 @@ def _came_or_went(
 
 
 def _asked(folded: FoldedCrowd, record: Record, _numbers: dict[str, int], _without: Collection[str]) -> None:
-    advance(folded.crowd, record.at_ns, asked_event(read_body(record.kind, record.body, AskedRow)))
+    folded.asked = read_body(record.kind, record.body, AskedRow)
+    advance(folded.crowd, record.at_ns, asked_event(folded.asked))
 
 
 def _answer(folded: FoldedCrowd, record: Record, numbers: dict[str, int], without: Collection[str]) -> None:

@@ -1,16 +1,18 @@
 """What a crowd came to, as an answer to the learner."""
 
-from protocol.messages import Answer, Decision
+from protocol.crowd_journal import AskedRow
+from protocol.messages import Answer
+from services.aggregator.live import LiveCrowd
 from sfid_core.teaching.answers import Answer as Said
 
 
-def handed_answer(said: Said, asked: Decision, name: str, answer_id: bytes, response_ms: int) -> Answer:
-    """Return the aggregator's answer to a decision of the learner."""
-    actions = asked.actions
+def handed_answer(said: Said, asked: AskedRow, live: LiveCrowd, answer_id: bytes, response_ms: int) -> Answer:
+    """Return the aggregator's answer to what the learner asked."""
+    actions = live.actions
     return Answer(
         answer_id=answer_id,
-        session=asked.session,
-        teacher=name,
+        session=live.name,
+        teacher=live.upstream.name,
         epoch=asked.epoch,
         decision=asked.decision,
         episode=asked.episode,

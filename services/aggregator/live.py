@@ -3,7 +3,7 @@
 from collections import deque
 from dataclasses import dataclass, field
 
-from protocol.crowd_journal import HANDED_KEPT, CrowdConfig, FoldedCrowd, Handed
+from protocol.crowd_journal import HANDED_KEPT, AskedRow, CrowdConfig, FoldedCrowd, Handed
 from protocol.messages import Crowd as CrowdReport
 from protocol.messages import Decision, Episode, Join, WindowSpec
 from services.aggregator.upstream import Upstream
@@ -28,8 +28,8 @@ class LiveCrowd:
     handed: deque[Handed] = field(default_factory=lambda: deque(maxlen=HANDED_KEPT))
     decision: Decision | None = None
     """The learner's, as it stands; None while the crowd is not welcomed."""
-    asked: Decision | None = None
-    """The learner's when the open round was announced: what a conclusion is an answer to."""
+    asked: AskedRow | None = None
+    """What was put to the crowd last: what a conclusion is an answer to."""
     sequence: int = 0
     episodes: deque[Episode] = field(default_factory=lambda: deque(maxlen=EPISODES_KEPT))
     waiting: dict[str, tuple[Join, Request]] = field(default_factory=dict)
@@ -49,6 +49,7 @@ class LiveCrowd:
         """Stand where the journal says."""
         self.begin(folded.config, folded.crowd)
         self.known, self.handed, self.finished = folded.known, folded.handed, folded.finished
+        self.asked = folded.asked
 
     def begin(self, config: CrowdConfig, crowd: Crowd) -> None:
         """Have a crowd from now on."""

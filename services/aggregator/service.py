@@ -243,7 +243,7 @@ class Aggregator:
         again = crowd.round is not None
         row = self._asked_row(live, decision, kind, received_ns, known=again)
         if not again:
-            live.asked = decision
+            live.asked = row
             self.loop.append(live.name, CrowdKind.ASKED.value, row_body(row), at_ns)
         self.perform(live, advance(crowd, at_ns, asked_event(row)))
 
@@ -325,9 +325,8 @@ class Aggregator:
         asked, message = live.asked, None
         if concluded.answer is not None and asked is not None:
             response_ms = max(0, at_ns - concluded.round.opened_at_ns) // 1_000_000
-            message = handed_answer(
-                concluded.answer, asked, self.config.name, self._chance.randbytes(16), response_ms
-            )
+            answer_id = self._chance.randbytes(16)
+            message = handed_answer(concluded.answer, asked, live, answer_id, response_ms)
             live.handed.append(Handed(message.decision, message.state, encode(message)))
             self.loop.after_commit(lambda: self._hand_on(live, message))
         row = ClosedRow(

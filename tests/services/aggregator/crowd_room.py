@@ -3,14 +3,13 @@
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from protocol.codec import decode, encode
+from protocol.codec import decode
 from protocol.crowd_journal import FoldedCrowd, fold_crowd
-from protocol.journal import Record
+from protocol.journal import Record, read_answer_body
 from protocol.keys import Keys
 from protocol.messages import Acknowledgement, Answer, Crowd, Decision, Join, Welcome, WindowSpec
 from services.aggregator.config import AggregatorConfig
@@ -83,6 +82,8 @@ class CrowdRoom(Classroom):
 
     def __post_init__(self) -> None:
         self.aggregator: Aggregator | None = None
+        # Apart from the learner's: one of the two is killed at a time.
+        self.crowd_dir = self.data_dir.with_name("crowd-data")
         super().__post_init__()
         self.watcher.subscribe(CROWD_KEYS.decision(), self._see_asked)
         self.watcher.subscribe(CROWD_KEYS.measures(), lambda one: self.crowd_measures.append(one.payload))
@@ -91,7 +92,7 @@ class CrowdRoom(Classroom):
 
     def start_aggregator(self) -> None:
         """Open an aggregator on the data directory."""
-        config = AggregatorConfig(self.data_dir, **self.config)
+        config = AggregatorConfig(self.crowd_dir, **self.config)
         self.crowd_shard = Shard.open(config.journal_dir)
         self.crowd_bus = MemoryBus(self.hub)
         optima = Optima(lambda work: work())
@@ -102,8 +103,8 @@ class CrowdRoom(Classroom):
     def kill_aggregator(self) -> None:
         """Leave it as `kill -9` does: what was not committed is gone, nothing is flushed or said."""
         self.crowd_bus.close()
-        directory = self.data_dir / "crowd-crowd"
-        image = self.data_dir / "image"
+        directory = self.crowd_dir / "crowd-crowd"
+        image = self.crowd_dir / "image"
         shutil.copytree(directory, image, ignore=shutil.ignore_patterns("*-shm"))
         self.crowd_shard.discard_pending()
         self.crowd_shard.close()
@@ -146,15 +147,8 @@ class CrowdRoom(Classroom):
 
     def learner_answers(self) -> list[Answer]:
         """Return the answers in the learner's journal."""
-        from protocol.journal import read_answer_body  # noqa: PLC0415
-
         bodies = [row.body for row in self.rows("answer") if row.body is not None]
         return [decode(read_answer_body(body)[2], Answer) for body in bodies]
 
     def _see_asked(self, received: Received) -> None:
         self.seen.append(decode(received.payload, Decision))
-
-
-def payload(message: Any) -> bytes:  # noqa: ANN401 - any message
-    """Return the bytes of a message."""
-    return encode(message)
