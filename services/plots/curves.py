@@ -8,11 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
-from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from services.plots.model import Line, Panel, PlotError, Width
-from services.plots.style import MUTED, SETTINGS, look
+from services.plots.style import INK, MUTED, SETTINGS, look
 
 ROW_IN = 1.32
 LEGEND_ROW_IN = 0.15
@@ -22,6 +21,9 @@ MARKED = 6
 
 def draw_curves(panels: Sequence[Panel], note: str, width: Width) -> Figure:
     """Return the panels in two columns (one panel alone fills the width), one legend above, a note below."""
+    if any(panel.optimum is not None for panel in panels):
+        # In the note it stands in no curve's way.
+        note = f"{note} Dotted: the optimum.".strip()
     if not panels:
         raise PlotError("a figure needs at least one panel")
     n_columns = min(2, len(panels))
@@ -54,9 +56,11 @@ def draw_curves(panels: Sequence[Panel], note: str, width: Width) -> Figure:
 
 def _distinct(panels: Sequence[Panel]) -> list[Line]:
     """Return one line for each label, in the order in which they first appear."""
-    return list({line.label: line for panel in reversed(panels) for line in reversed(panel.lines)}.values())[
-        ::-1
-    ]
+    distinct: dict[str, Line] = {}
+    for panel in panels:
+        for line in panel.lines:
+            distinct.setdefault(line.label, line)
+    return list(distinct.values())
 
 
 def _handle(line: Line) -> Line2D:
@@ -118,18 +122,4 @@ def _draw_line(axes: Axes, line: Line, order: int, n_lines: int) -> None:
 def _draw_optimum(axes: Axes, panel: Panel) -> None:
     x = panel.lines[0].x if panel.lines else np.array([0.0, 1.0])
     level = np.broadcast_to(np.asarray(panel.optimum, dtype=np.float64), x.shape)
-    axes.plot(x, level, color=MUTED, linewidth=0.8, linestyle=(0, (1, 1.6)), zorder=1.5)
-    # Curves start far from the optimum, so its name has room at the left, on their side of the line.
-    curves_above = not panel.lines or panel.lines[0].mean[0] >= level[0]
-    axes.annotate(
-        "optimum",
-        (x[0], level[0]),
-        xytext=(1, 1.5 if curves_above else -2),
-        textcoords="offset points",
-        ha="left",
-        va="bottom" if curves_above else "top",
-        fontsize=6,
-        color=MUTED,
-        path_effects=[withStroke(linewidth=1.6, foreground="white")],  # legible on a curve, too
-        zorder=4,
-    )
+    axes.plot(x, level, color=INK, linewidth=1.0, linestyle=(0, (1, 1.4)), zorder=2.5)

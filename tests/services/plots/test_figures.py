@@ -72,7 +72,7 @@ def test_figure_2_is_drawn_in_the_papers_arrangement_with_every_mean(
         Panel(title, curve_lines(summaries, measure), optimum=6.0 if measure is Measure.STEPS else None)
         for title, measure in zip(titles, FOUNDING_MEASURES, strict=True)
     ]
-    figure = draw_curves(panels, "20 seeds", Width.COLUMN)
+    figure = draw_curves(panels, "20 seeds.", Width.COLUMN)
     assert [axes.get_title(loc="left") for axes in figure.axes] == titles
     assert [axes.get_xlabel() for axes in figure.axes] == ["", "", "Episode", "Episode"]
     for axes, measure in zip(figure.axes, FOUNDING_MEASURES, strict=True):
@@ -87,7 +87,7 @@ def test_figure_2_is_drawn_in_the_papers_arrangement_with_every_mean(
             assert drawn == {round(float(y), 9) for y in summary.intervals[measure].reshape(-1)}
     optimum = figure.axes[1].get_lines()[4]
     assert set(np.asarray(optimum.get_ydata()).tolist()) == {6.0}
-    assert texts(figure.axes[1]) == ["optimum"]
+    assert [text.get_text() for text in figure.texts] == ["20 seeds. Dotted: the optimum."]
     legend = figure.legends[0]
     assert [text.get_text() for text in legend.get_texts()] == LABELS
 
