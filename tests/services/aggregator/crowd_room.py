@@ -79,6 +79,8 @@ class CrowdRoom(Classroom):
     seen: list[Decision] = field(default_factory=list)
     crowd_measures: list[bytes] = field(default_factory=list)
     reports: list[Crowd] = field(default_factory=list)
+    actors: list[Callable[[], None]] = field(default_factory=list)
+    """Whoever else has a turn of their own."""
 
     def __post_init__(self) -> None:
         self.aggregator: Aggregator | None = None
@@ -120,6 +122,8 @@ class CrowdRoom(Classroom):
     def _turned(self) -> bool:
         if self.aggregator is not None:
             self.aggregator.turn(0.0)
+        for turn in self.actors:
+            turn()
         return super()._turned()
 
     @property
