@@ -50,6 +50,8 @@ class Evidence(NamedTuple):
     """Last step of the marked mistake."""
     delay_ms: float = 0.0
     """From the showing to the answer."""
+    undo: int = 0
+    """1 where the teacher wants the step taken back."""
 
 
 class Transition(NamedTuple):
@@ -74,7 +76,7 @@ class Learned(NamedTuple):
     """What one update came to."""
 
     environment: float
-    """TD error of Eq. 2, without the teacher; a method without action values gives its own prediction error."""
+    """TD error of Eq. 2, without the teacher; the prediction error of a method without action values."""
     shaped: float
     """TD error of Eq. 4, by which the method's values move."""
     h: float
@@ -132,6 +134,33 @@ def choose_first_block(m: Memory, p: tuple[float, ...], draws: Draws, state: int
 
 
 @kernel
+def best_among(m: Memory, key: int, state: int, among: int, decision: int) -> int:
+    """Return an action with the largest value of the first block whose bit is set, ties drawn from `key`.
+
+    Args: among: at least one bit of an action is set.
+    """
+    at = state * m.width
+    largest = 0.0
+    ties = 0
+    for action in range(m.actions):
+        if (among >> action) & 1:
+            value = m.values[at + action]
+            if ties == 0 or value > largest:
+                largest = value
+                ties = 1
+            elif value == largest:
+                ties += 1
+    place = below(key, decision, ties)
+    chosen = -1
+    for action in range(m.actions):
+        if (among >> action) & 1 and m.values[at + action] == largest:
+            if place == 0:
+                chosen = action
+            place -= 1
+    return chosen
+
+
+@kernel
 def keep_action(
     m: Memory,  # noqa: ARG001
     p: tuple[float, ...],  # noqa: ARG001
@@ -143,6 +172,12 @@ def keep_action(
 ) -> int:
     """Return the action that was chosen: the teacher's answer does not steer the agent."""
     return action
+
+
+@kernel
+def keep_step(p: tuple[float, ...], evidence: Evidence) -> int:  # noqa: ARG001 - the interface
+    """Return 0: a step is never taken back."""
+    return 0
 
 
 @kernel

@@ -51,6 +51,10 @@ class Learner:
             self.memory, self.parameters, self._draws, number, action, evidence, decision
         )
 
+    def undoes(self, evidence: Evidence) -> bool:
+        """Tell whether the environment shall take back the step that teachers said this about."""
+        return self.method.undo(self.parameters, evidence) == 1
+
     def learn(  # noqa: PLR0913 - a step has these parts
         self,
         state: bytes,

@@ -1,4 +1,4 @@
-"""The common interface of all methods: a method is its parameters, its kernels and what it asks of teachers."""
+"""The common interface of all methods: parameters, kernels, and what is asked of teachers."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,6 +12,7 @@ from sfid_core.learning.kernels import (
     Transition,
     choose_first_block,
     keep_action,
+    keep_step,
     nothing,
     prefer,
 )
@@ -46,8 +47,10 @@ class Method:
     """What teachers are asked in the frozen state before the action: LABEL or GUIDANCE."""
     asks_after: AnswerKind | None = None
     """What teachers are asked after they saw the action: REWARD or MISTAKE."""
-    undoes: bool = False
-    """Whether a step that a teacher blames is taken back by the environment, where it can be."""
+    undo: Callable[[Numbers, Evidence], int] = keep_step
+    """(.., evidence) -> 1 where the environment shall take the step back, which is not learnt from."""
+    may_undo: bool = False
+    """Whether teachers are offered to take the step back, beside what is asked after it."""
     blocks: int = 1
     """Numbers a state and action."""
     scalars: int = 0

@@ -3,10 +3,13 @@
 from typing import Annotated, NamedTuple
 
 from sfid_core.compiled import kernel
-from sfid_core.learning.kernels import Evidence, Learned, Memory, Transition, one_step
+from sfid_core.learning.kernels import Evidence, Learned, Memory, Transition, best, one_step
 from sfid_core.learning.method import Method
 from sfid_core.learning.parameters import ALPHA, GAMMA, Choice
 from sfid_core.teaching.answers import AnswerKind
+
+SKIP = 1
+OMEGA = Choice(("graded", "centred", "penalty"))
 
 
 class SfIDParameters(NamedTuple):
@@ -16,8 +19,10 @@ class SfIDParameters(NamedTuple):
     """Step size."""
     gamma: Annotated[float, GAMMA] = 0.9
     """Discount factor."""
-    omega: Annotated[int, Choice(("graded", "centred", "penalty"))] = 0
+    omega: Annotated[int, OMEGA] = 0
     """Agreement: see `omega`."""
+    silence: Annotated[int, Choice(("zero", "skip"), source="Raza, Johnston & Williams 2016: zero")] = 0
+    """A step without a label: h = 0, or no update. See `sfid-memory` for labels that are remembered."""
 
 
 @kernel
@@ -37,9 +42,14 @@ def omega(form: int, belief: float, actions: int) -> float:
 
 @kernel
 def learn(m: Memory, p: SfIDParameters, t: Transition, e: Evidence) -> Learned:
-    """Move Q(s, a) by the TD error of r + Omega(a_b, a); silence is h = 0 (Eq. 4)."""
-    h = omega(p.omega, e.belief[t.action], m.actions) if e.given else 0.0
-    return one_step(m, p.alpha, p.gamma, t, h)
+    """Move Q(s, a) by the TD error of r + Omega(a_b, a); silence is h = 0 (Eq. 4) or no update."""
+    if e.given:
+        return one_step(m, p.alpha, p.gamma, t, omega(p.omega, e.belief[t.action], m.actions))
+    if p.silence == SKIP:
+        ahead = 0.0 if t.terminal else best(m, t.next_state)
+        environment = t.reward + p.gamma * ahead - m.values[t.state * m.width + t.action]
+        return Learned(environment, environment, 0.0)
+    return one_step(m, p.alpha, p.gamma, t, 0.0)
 
 
 SFID = Method(

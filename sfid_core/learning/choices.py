@@ -1,0 +1,72 @@
+"""Ways to pick an action that several methods share."""
+
+from sfid_core.chance import below, unit
+from sfid_core.compiled import kernel
+from sfid_core.learning.elementary import exp
+from sfid_core.learning.kernels import Draws, Memory
+
+
+@kernel
+def most_in_block(m: Memory, draws: Draws, state: int, decision: int, block: int) -> int:
+    """Return an action with the largest number of one block of a state, ties at random."""
+    return most_blended(m, draws, state, decision, block, block, 0.0)
+
+
+@kernel
+def most_blended(
+    m: Memory, draws: Draws, state: int, decision: int, block: int, other: int, weight: float
+) -> int:
+    """Return an action with the largest block + weight * other block of a state, ties at random."""
+    at = state * m.width + block * m.actions
+    beside = state * m.width + other * m.actions
+    largest = m.values[at] + weight * m.values[beside]
+    chosen = 0
+    ties = 1
+    for action in range(1, m.actions):
+        value = m.values[at + action] + weight * m.values[beside + action]
+        if value > largest:
+            largest = value
+            chosen = action
+            ties = 1
+        elif value == largest:
+            ties += 1
+    if ties == 1:
+        return chosen
+    place = below(draws.ties, decision, ties)
+    for action in range(m.actions):
+        if m.values[at + action] + weight * m.values[beside + action] == largest:
+            if place == 0:
+                return action
+            place -= 1
+    return chosen
+
+
+@kernel
+def softmax_at(m: Memory, state: int, block: int, action: int) -> float:
+    """Return the softmax probability of an action under one block of a state."""
+    at = state * m.width + block * m.actions
+    largest = m.values[at]
+    for other in range(1, m.actions):
+        largest = max(largest, m.values[at + other])
+    total = 0.0
+    for other in range(m.actions):
+        total += exp(m.values[at + other] - largest)
+    return exp(m.values[at + action] - largest) / total
+
+
+@kernel
+def softmax_sample(m: Memory, draws: Draws, state: int, decision: int, block: int) -> int:
+    """Return an action drawn with the softmax probabilities of one block of a state."""
+    at = state * m.width + block * m.actions
+    largest = m.values[at]
+    for action in range(1, m.actions):
+        largest = max(largest, m.values[at + action])
+    total = 0.0
+    for action in range(m.actions):
+        total += exp(m.values[at + action] - largest)
+    rest = unit(draws.explore, decision) * total
+    for action in range(m.actions - 1):
+        rest -= exp(m.values[at + action] - largest)
+        if rest < 0.0:
+            return action
+    return m.actions - 1

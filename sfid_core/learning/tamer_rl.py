@@ -1,0 +1,176 @@
+"""`tamer-rl`: TAMER's model beside reinforcement learning (Knox & Stone 2010, 2012)."""
+
+from typing import Annotated, NamedTuple
+
+from sfid_core.chance import unit
+from sfid_core.compiled import kernel
+from sfid_core.learning.choices import most_blended, most_in_block
+from sfid_core.learning.human_model import (
+    CREDIT,
+    MODEL_SCALARS,
+    SILENCE,
+    TRAIL_COLUMNS,
+    WINDOW_FROM,
+    WINDOW_SPAN,
+    HumanModel,
+    forget_steps,
+    hear,
+)
+from sfid_core.learning.kernels import (
+    Draws,
+    Evidence,
+    Learned,
+    Memory,
+    Transition,
+    best,
+    choose_first_block,
+    one_step,
+)
+from sfid_core.learning.method import Method
+from sfid_core.learning.parameters import ALPHA, GAMMA, RATE, Choice, Range
+from sfid_core.teaching.answers import AnswerKind
+
+WEIGHT = MODEL_SCALARS
+"""Scalar: B, the weight of the teacher's model."""
+ACTION_BIASING, CONTROL_SHARING, Q_AUGMENTATION, REWARD_SHAPING = range(4)
+
+
+class TamerRLParameters(NamedTuple):
+    """Parameters of TAMER+RL; see `human_model.HumanModel` for the teacher's model."""
+
+    alpha: Annotated[float, ALPHA] = 0.1
+    """Step size of Q."""
+    gamma: Annotated[float, GAMMA] = 0.9
+    """Discount factor of Q."""
+    technique: Annotated[
+        int,
+        Choice(
+            ("action-biasing", "control-sharing", "q-augmentation", "reward-shaping"),
+            source="Knox & Stone 2012: action biasing",
+        ),
+    ] = 0
+    """How H enters: see `learn` and `choose`."""
+    weight: Annotated[float, Range(0, 1000)] = 1.0
+    """B in the first episode. Knox's code has 10 for tasks with larger returns; 1 is ours."""
+    anneal: Annotated[float, Range(0, 1, source="Knox's code: 0.97 to 0.98")] = 0.98
+    """Factor on B after each episode."""
+    model_alpha: Annotated[float, Range(0, 1, above=True, source="Knox's loop maze")] = 0.2
+    """Step size of H."""
+    credit: Annotated[int, CREDIT] = 0
+    """Which steps a reward is for."""
+    window_from_ms: Annotated[float, WINDOW_FROM] = 200.0
+    """Shortest delay of an answer."""
+    window_span_ms: Annotated[float, WINDOW_SPAN] = 600.0
+    """Longest delay less the shortest."""
+    silence: Annotated[int, SILENCE] = 0
+    """What a step without an answer teaches H."""
+    forget: Annotated[float, RATE] = 0.1
+    """Share of H(s, a) that one silent step takes away, with silence `decay`."""
+
+
+@kernel
+def model_of(p: TamerRLParameters) -> HumanModel:
+    """Return how H, the second block, is learnt."""
+    return HumanModel(1, p.model_alpha, p.credit, p.window_from_ms, p.window_span_ms, p.silence, p.forget)
+
+
+@kernel
+def begin(m: Memory, p: TamerRLParameters, episode: int) -> None:
+    """Anneal B, and close the credit of the episode before."""
+    forget_steps(m, model_of(p))
+    m.scalars[WEIGHT] = p.weight if episode == 0 else m.scalars[WEIGHT] * p.anneal
+
+
+@kernel
+def choose(m: Memory, p: TamerRLParameters, draws: Draws, state: int, decision: int) -> int:
+    """Return the action, ties at random.
+
+    action biasing, Q augmentation: argmax Q + B * H. control sharing: argmax H with probability min(B, 1),
+    else argmax Q. reward shaping: argmax Q.
+    """
+    if p.technique == REWARD_SHAPING:
+        return choose_first_block(m, p, draws, state, decision)
+    if p.technique == CONTROL_SHARING:
+        shared = unit(draws.explore, decision) < m.scalars[WEIGHT]
+        return most_in_block(m, draws, state, decision, 1 if shared else 0)
+    return most_blended(m, draws, state, decision, 0, 1, m.scalars[WEIGHT])
+
+
+@kernel
+def prefer(m: Memory, p: TamerRLParameters, state: int, action: int) -> float:
+    """Return Q + B * H; under reward shaping Q; under control sharing the probability of the action."""
+    at = state * m.width
+    if p.technique == REWARD_SHAPING:
+        return m.values[at + action]
+    if p.technique == CONTROL_SHARING:
+        shared = min(m.scalars[WEIGHT], 1.0)
+        return shared * greedy_share_of(m, at + m.actions, action) + (1.0 - shared) * greedy_share_of(
+            m, at, action
+        )
+    return m.values[at + action] + m.scalars[WEIGHT] * m.values[at + m.actions + action]
+
+
+@kernel
+def greedy_share_of(m: Memory, at: int, action: int) -> float:
+    """Return the probability of an action under the largest of the numbers from `at` on, ties at random."""
+    ties = 0
+    for other in range(m.actions):
+        if m.values[at + other] > m.values[at + action]:
+            return 0.0
+        if m.values[at + other] == m.values[at + action]:
+            ties += 1
+    return 1.0 / ties
+
+
+@kernel
+def learn(m: Memory, p: TamerRLParameters, t: Transition, e: Evidence) -> Learned:
+    """Learn H from the teacher, then Q from the environment.
+
+    action biasing, control sharing: Q by r alone. reward shaping: by r + B * H(s, a). Q augmentation: by
+    r + gamma * max (Q + B * H)(s', .) - (Q + B * H)(s, a).
+    """
+    hear(m, model_of(p), t, e)
+    weight = m.scalars[WEIGHT]
+    predicted = m.values[t.state * m.width + m.actions + t.action]
+    if p.technique == REWARD_SHAPING:
+        moved = one_step(m, p.alpha, p.gamma, t, weight * predicted)
+        return Learned(moved.environment, moved.shaped, e.reward)
+    if p.technique == Q_AUGMENTATION:
+        return augmented_step(m, p, t, e)
+    moved = one_step(m, p.alpha, p.gamma, t, 0.0)
+    return Learned(moved.environment, moved.shaped, e.reward)
+
+
+@kernel
+def augmented_step(m: Memory, p: TamerRLParameters, t: Transition, e: Evidence) -> Learned:
+    """Move Q(s, a) by the TD error of Q + B * H."""
+    at = t.state * m.width + t.action
+    weight = m.scalars[WEIGHT]
+    ahead = 0.0 if t.terminal else best(m, t.next_state)
+    environment = t.reward + p.gamma * ahead - m.values[at]
+    largest = 0.0
+    if not t.terminal:
+        there = t.next_state * m.width
+        largest = m.values[there] + weight * m.values[there + m.actions]
+        for action in range(1, m.actions):
+            largest = max(largest, m.values[there + action] + weight * m.values[there + m.actions + action])
+    shaped = t.reward + p.gamma * largest - (m.values[at] + weight * m.values[at + m.actions])
+    m.values[at] += p.alpha * shaped
+    m.values[(t.state + 1) * m.width - 1] += 1.0
+    return Learned(environment, shaped, e.reward)
+
+
+TAMER_RL = Method(
+    name="tamer-rl",
+    summary="TAMER's model steers, or rewards, a Q-learner; its weight is annealed",
+    source="Knox & Stone 2010, 2012, after Knox's code",
+    parameters=TamerRLParameters,
+    learn=learn,
+    choose=choose,
+    prefer=prefer,
+    begin=begin,
+    asks_after=AnswerKind.REWARD,
+    blocks=2,
+    scalars=MODEL_SCALARS + 1,
+    trail=TRAIL_COLUMNS,
+)
