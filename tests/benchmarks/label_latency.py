@@ -1,7 +1,8 @@
 """Time from sending a label to its durable acknowledgement, beside what it cannot do without.
 
 The anchor, in the same run and interleaved with it: a bare Zenoh query through the same router, and as many
-syncs of a file on the same disk as the journal performs for one acknowledgement. Then 32 teachers at once.
+syncs of a file on the same disk as the journal performs for one acknowledgement, one after the other (the
+journal lets its two run side by side). Then 32 teachers at once.
 """
 
 import argparse
