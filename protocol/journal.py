@@ -24,7 +24,7 @@ from protocol.messages import (
     Text,
     View,
 )
-from protocol.translate import UnknownAction, action_names, answer_given, config_of
+from protocol.translate import UnknownAction, action_names, answer_given, config_of, named
 from sfid_core.outcome import Outcome
 from sfid_core.session.config import Window, WindowMode
 from sfid_core.session.effects import Acknowledge, AnswerCode, Effect
@@ -200,7 +200,7 @@ def _apply(folded: Folded, record: Record, actions: tuple[str, ...], numbers: di
         if isinstance(event, EpisodeBegan):
             folded.actions_taken.clear()
         elif isinstance(event, StepTaken):
-            folded.actions_taken.append(actions[folded.session.action])
+            folded.actions_taken.append(named(folded.session.action, actions))
         done = len(folded.session.episodes)
         _, effects = advance(folded.session, at_ns, event)
         if record.kind == Kind.ANSWER.value and read_answer_body(record.body)[0] is not _told(effects):

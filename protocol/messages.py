@@ -11,6 +11,8 @@ from msgspec import Meta, Struct
 
 Schema = Literal[1]
 SCHEMA: Schema = 1
+UNDO = "UNDO"
+"""In place of an action's name: the environment takes the last step back."""
 # \Z and not $: a dollar also matches before a line feed at the end, and "ann\n" would be a name.
 Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,47}\Z")]
 ActionName = Annotated[str, Meta(pattern=r"^[A-Z][A-Z0-9_]{0,31}\Z")]
@@ -81,6 +83,8 @@ class Decision(Wire, frozen=True, kw_only=True, tag="decision"):
     method: Name
     episodes: Count
     optimal_steps: Count | None = None
+    may_undo: bool = False
+    """Whether an answer of the kind undo is welcome once the action was seen."""
 
 
 class SaidBy(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -100,6 +100,11 @@ def _posterior(posterior: Mapping[str, float], numbers: Mapping[str, int]) -> tu
     return tuple(posterior.get(name, 0.0) for name in numbers)
 
 
+def named(action: int, actions: Sequence[str]) -> str:
+    """Return the name of an action by its index; the index behind the last takes the last step back."""
+    return actions[action] if action < len(actions) else wire.UNDO
+
+
 def decision_message(session: Session, actions: Sequence[str], sequence: int, at_ns: int) -> wire.Decision:
     """Return the decision as it stands, for everyone who watches or teaches."""
     judging = session.transition
@@ -119,7 +124,7 @@ def decision_message(session: Session, actions: Sequence[str], sequence: int, at
         state=session.state,
         view=session.view if judging is None else judging.view,
         actions=tuple(actions),
-        action=None if session.phase is Phase.ASKING and judging is None else actions[session.action],
+        action=None if session.phase is Phase.ASKING and judging is None else named(session.action, actions),
         remaining_ms=None if deadline_ns is None else max(0, deadline_ns - at_ns) // 1_000_000,
         window=window_spec(session.window),
         teachers=tuple(names[:TEACHERS_NAMED_MAX]),
@@ -127,6 +132,7 @@ def decision_message(session: Session, actions: Sequence[str], sequence: int, at
         method=session.config.method,
         episodes=session.config.episodes,
         optimal_steps=session.optimal_steps,
+        may_undo=session.learner.method.may_undo,
     )
 
 
@@ -150,7 +156,7 @@ def step_message(step: StepMeasures, session: Session, actions: Sequence[str], a
         at_ns=at_ns,
         state=step.state,
         view=step.view,
-        action=actions[step.action],
+        action=named(step.action, actions),
         said=said,
         label=None if step.label is None else actions[step.label],
         h=step.learned.h,

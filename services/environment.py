@@ -13,14 +13,14 @@ from dataclasses import dataclass
 
 from protocol.codec import DecodeError, decode, encode
 from protocol.keys import Keys
-from protocol.messages import Begin, Begun, ExecuteAction, Executed, Refusal, Wire
+from protocol.messages import UNDO, Begin, Begun, ExecuteAction, Executed, Refusal, Wire
 from protocol.messages import World as WorldSpec
 from services.runtime.bus import Bus, Request
 from sfid_core.outcome import Outcome
 from sfid_core.sokoban.actions import Action
 from sfid_core.sokoban.board import Board
 from sfid_core.sokoban.levels import LevelError
-from sfid_core.sokoban.world import World, WorldConfig, WorldError, make_world
+from sfid_core.sokoban.world import Consequence, World, WorldConfig, WorldError, make_world
 
 log = logging.getLogger("sfid.environment")
 
@@ -51,6 +51,8 @@ class _Episode:
     board: Board
     state: bytes
     """The board's key."""
+    before: Board
+    """Where the last action was taken: what undo goes back to."""
     steps: int = 0
     action: str = ""
     answered: Executed | None = None
@@ -86,12 +88,13 @@ class Environment:
         if running is not None and request.epoch < running.epoch:
             return _stale(request.epoch, running.epoch)
         world = self._world(request)
-        start = board = world.begin(request.episode)
+        start = board = before = world.begin(request.episode)
         for steps_done, name in enumerate(request.actions):
-            board = world.execute(board, _action(name), steps_done).board
+            after = _done(world, board, before, name, steps_done).board
+            board, before = after, board
         self._episodes.pop(request.session, None)
         self._episodes[request.session] = _Episode(
-            request.epoch, request.episode, world, board, board.state_key(), len(request.actions)
+            request.epoch, request.episode, world, board, board.state_key(), before, len(request.actions)
         )
         if len(self._episodes) > EPISODES_MAX:
             del self._episodes[next(iter(self._episodes))]
@@ -136,7 +139,8 @@ class Environment:
             return Refusal(
                 code="unknown-session", reason="the episode stands elsewhere: begin it with the actions taken"
             )
-        done = world.execute(running.board, _action(request.action), running.steps)
+        done = _done(world, running.board, running.before, request.action, running.steps)
+        running.before = running.board
         running.board, running.state, running.steps = done.board, done.board.state_key(), running.steps + 1
         if done.outcome is not Outcome.RUNNING:
             running.world = None
@@ -158,6 +162,17 @@ def _rules(spec: WorldSpec) -> WorldConfig:
 
 class _UnknownAction(Exception):  # noqa: N818 - it names what is wrong
     """A request names an action that this world does not have."""
+
+
+def _done(world: World, board: Board, before: Board, name: str, steps_done: int) -> Consequence:
+    """Return what an action brings, or UNDO, which goes back to where the action before it was taken.
+
+    Taking back what was taken back puts the step into force again.
+    """
+    if name != UNDO:
+        return world.execute(board, _action(name), steps_done)
+    capped = steps_done + 1 >= world.config.steps_max
+    return Consequence(before, 0.0, Outcome.CAP if capped else Outcome.RUNNING)
 
 
 def _action(name: str) -> Action:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from protocol.codec import DecodeError, decode, encode
 from protocol.messages import Begin, Begun, ExecuteAction, Executed, Refusal, Wire
+from protocol.translate import named
 from sfid_core.outcome import Outcome
 from sfid_core.session.events import EpisodeBegan, StepTaken, Stopped
 from sfid_core.session.state import Phase
@@ -69,7 +70,7 @@ class WorldDesk:
             episode=session.episode,
             step=session.step,
             state=session.state,
-            action=live.actions[session.action],
+            action=named(session.action, live.actions),
         )
         self._ask(live, "execute", message, EXECUTE_TIMEOUT_MS)
 
@@ -111,7 +112,7 @@ class WorldDesk:
         if isinstance(message, Begun):
             self._begun(live, message)
         elif live.session.phase is Phase.EXECUTING:
-            live.actions_taken.append(live.actions[live.session.action])
+            live.actions_taken.append(named(live.session.action, live.actions))
             outcome = Outcome(message.outcome)
             distance = -1 if message.optimal_steps is None else message.optimal_steps
             taken = StepTaken(

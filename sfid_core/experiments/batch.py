@@ -108,7 +108,6 @@ class Batch:
             config.episodes,
             _ASKS[self._method.asks_before],
             _ASKS[self._method.asks_after],
-            int(self._method.undoes),
             len(self._names),
         )
         self._memory = blank_memory(
@@ -220,7 +219,13 @@ def blank_memory(
 
 @lru_cache(maxsize=64)
 def _kernels(method: Method, *, fast: bool) -> tuple[Callable[..., int], Callable[..., float]]:
-    parts = {"choose": method.choose, "settle": method.settle, "learn": method.learn, "begin": method.begin}
+    parts = {
+        "choose": method.choose,
+        "settle": method.settle,
+        "learn": method.learn,
+        "begin": method.begin,
+        "undo": method.undo,
+    }
     if not fast:
         return linked(run_lanes, parts), linked(greedy_share, {"prefer": method.prefer})
     return (

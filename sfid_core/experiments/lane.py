@@ -13,12 +13,14 @@ from sfid_core.learning.kernels import (
     Transition,
     choose_first_block,
     keep_action,
+    keep_step,
     nothing,
     prefer,
 )
 from sfid_core.teaching.kernels import (
     TeacherMemory,
     TeacherParameters,
+    guidance_of,
     label_of,
     preference_key,
     preferred_of,
@@ -73,7 +75,6 @@ class LanePlan(NamedTuple):
     episodes: int
     asks_before: int
     asks_after: int
-    undoes: int
     teachers: int
     """Number of teachers; 0 leaves the agent alone."""
 
@@ -126,13 +127,19 @@ def learn(m: Memory, p: tuple[float, ...], t: Transition, e: Evidence) -> Learne
 
 
 @kernel
+def undo(p: tuple[float, ...], evidence: Evidence) -> int:
+    """Stand in for a method's own."""
+    return keep_step(p, evidence)
+
+
+@kernel
 def begin(m: Memory, p: tuple[float, ...], episode: int) -> None:
     """Stand in for a method's own."""
     nothing(m, p, episode)
 
 
 @kernel
-def run_lane(  # noqa: PLR0913, PLR0915, PLR0917 - one loop, told in order
+def run_lane(  # noqa: C901, PLR0913, PLR0915, PLR0917 - one loop, told in order
     world: LaneWorld,
     plan: LanePlan,
     m: Memory,
@@ -156,19 +163,25 @@ def run_lane(  # noqa: PLR0913, PLR0915, PLR0917 - one loop, told in order
         begin(m, p, episode)
         state = starts[episode]
         optimal_steps = world.distance[state]
-        steps = inputs = agreements = preferred = 0
+        steps = learnt = inputs = agreements = preferred = 0
         abs_environment = abs_shaped = total = env_total = 0.0
         discount = 1.0
         outcome = 0
         while outcome == 0:
             optimal = world.optimal[state]
             action = choose(m, p, draws, state, decision)
-            evidence = Evidence(0, -1, scratch.one_hot[actions], 0.0, 0, -1, -1, 0.0)
+            evidence = Evidence(0, -1, scratch.one_hot[actions], 0.0, 0, -1, -1, 0.0, 0)
             if plan.teachers > 0 and plan.asks_before == ASK_LABEL:
                 label, given = merged_label(world, plan, teachers, keys, scratch.votes, state, decision)
                 inputs += given
                 if label >= 0:
-                    evidence = Evidence(1, label, scratch.one_hot[label], 0.0, 0, -1, -1, 0.0)
+                    evidence = Evidence(1, label, scratch.one_hot[label], 0.0, 0, -1, -1, 0.0, 0)
+            elif plan.teachers > 0 and plan.asks_before == ASK_GUIDANCE:
+                guidance, given = merged_guidance(world, plan, teachers, keys, scratch.votes, state, decision)
+                inputs += given
+                if guidance != 0:
+                    nowhere = scratch.one_hot[actions]
+                    evidence = Evidence(1, -1, nowhere, 0.0, guidance, -1, -1, 0.0, 0)
             action = settle(m, p, draws, state, action, evidence, decision)
             next_state = world.successor[state * actions + action]
             reward = world.reward[state * actions + action]
@@ -180,7 +193,9 @@ def run_lane(  # noqa: PLR0913, PLR0915, PLR0917 - one loop, told in order
                 praise, given = merged_reward(world, plan, teachers, keys, state, action, actions, decision)
                 inputs += given
                 if praise != 0.0:
-                    evidence = Evidence(1, -1, scratch.one_hot[actions], praise, 0, -1, -1, 0.0)
+                    evidence = Evidence(
+                        1, -1, scratch.one_hot[actions], praise, evidence.guidance, -1, -1, 0.0, 0
+                    )
             transition = Transition(
                 state,
                 action,
@@ -203,17 +218,26 @@ def run_lane(  # noqa: PLR0913, PLR0915, PLR0917 - one loop, told in order
             discount *= gamma
             steps += 1
             decision += 1
-            state = next_state
+            learnt += 1
+            if outcome == 0 and undo(p, evidence) == 1:
+                # A decision of its own, without an answer and without learning: the world is put back.
+                discount *= gamma
+                steps += 1
+                decision += 1
+                if steps >= world.steps_max:
+                    outcome = 3
+            else:
+                state = next_state
         out[at] = steps
-        out[at + 1] = abs_environment / steps
-        out[at + 2] = abs_shaped / steps
+        out[at + 1] = abs_environment / learnt
+        out[at + 2] = abs_shaped / learnt
         out[at + 3] = total
         out[at + 4] = env_total
         out[at + 5] = inputs
         out[at + 6] = agreements
         out[at + 7] = outcome
         out[at + 8] = optimal_steps
-        out[at + 9] = preferred / steps
+        out[at + 9] = preferred / learnt
         at += COLUMNS
     return decision
 
@@ -293,6 +317,42 @@ def merged_label(
         elif votes[action] == most:
             chosen = -1
     return chosen, given
+
+
+@kernel
+def merged_guidance(
+    world: LaneWorld,
+    plan: LanePlan,
+    teachers: tuple[LaneTeacher, ...],
+    keys: Sequence[int],
+    votes: MutableSequence[float],
+    state: int,
+    decision: int,
+) -> tuple[int, int]:
+    """Return the actions that more than half of the guiding teachers point at, and how many guide."""
+    actions = len(votes)
+    given = 0
+    for action in range(actions):
+        votes[action] = 0.0
+    for number in range(plan.teachers):
+        teacher = teachers[number]
+        guidance = guidance_of(
+            teacher.parameters,
+            teacher.memory,
+            keys[number],
+            decision,
+            world.word[state],
+            world.optimal[state],
+            actions,
+        )
+        given += guidance != 0
+        for action in range(actions):
+            votes[action] += (guidance >> action) & 1
+    merged = 0
+    for action in range(actions):
+        if 2.0 * votes[action] > given:
+            merged |= 1 << action
+    return merged, given
 
 
 @kernel

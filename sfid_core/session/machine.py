@@ -10,6 +10,7 @@ machine.
     asked after it (rewards):          EXECUTING --step taken--> ASKING --quorum, or deadline--> learn
     both (guidance, then a reward):    ASKING --> EXECUTING --> ASKING --> learn
     nothing:                           EXECUTING --step taken--> learn
+    taken back:                        EXECUTING --step taken--> on, without learning
     learn --running--> next decision opens, or READY while paused
     learn --episode over--> BEGINNING, or FINISHED after the last
     any --restarted--> the same phase with a fresh window; any --stopped--> FINISHED
@@ -18,7 +19,9 @@ machine.
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from sfid_core.learning.kernels import Evidence, Learned
 from sfid_core.outcome import Outcome
+from sfid_core.session.admission import is_open_to, why_rejected
 from sfid_core.session.config import WindowMode
 from sfid_core.session.effects import (
     Acknowledge,
@@ -53,6 +56,7 @@ from sfid_core.teaching.merge import SILENCE, merge
 
 Effects = tuple[Effect, ...]
 
+NOTHING_LEARNED = Learned(0.0, 0.0, 0.0)
 DEADLINES_KEPT = 16
 """Decisions whose deadline is remembered. A person lags one decision behind, a stopped network a few; older
 is late."""
@@ -113,11 +117,21 @@ def _open(session: Session, at_ns: int) -> Effects:
     if session.paused:
         session.phase = Phase.READY
         return (Announce(),)
+    if session.undo_due:
+        return _undo(session, at_ns)
     session.action = session.learner.choose(session.state, session.decision)
     session.opened_at_ns = at_ns
     _forget_answers(session)
     if session.learner.method.asks_before is not None:
         return _ask(session, at_ns)
+    session.phase = Phase.EXECUTING
+    return Announce(), Execute(session.decision, session.action)
+
+
+def _undo(session: Session, at_ns: int) -> Effects:
+    """Let the environment take the last step back, as a decision about which nobody is asked."""
+    session.action = session.learner.memory.actions
+    session.opened_at_ns = at_ns
     session.phase = Phase.EXECUTING
     return Announce(), Execute(session.decision, session.action)
 
@@ -150,12 +164,12 @@ def _set_deadline(session: Session, at_ns: int) -> None:
 def _answer(session: Session, at_ns: int, event: AnswerGiven) -> Effects:
     counted = event.answer.kind is not AnswerKind.ABSTAIN
     session.counts.submitted += counted
-    reason = _why_rejected(session, event)
+    reason = why_rejected(session, event)
     if reason:
         session.counts.rejected += counted
         return (Acknowledge(event.answer_id, AnswerCode.REJECTED, reason),)
     session.counts.acknowledged += counted
-    if not _is_open_to(session, event):
+    if not is_open_to(session, event):
         return (Acknowledge(event.answer_id, _too_late(session, at_ns, event, counted=counted)),)
     before = session.answers.get(event.teacher)
     if before is not None and before.answer.kind is not AnswerKind.ABSTAIN:
@@ -164,51 +178,6 @@ def _answer(session: Session, at_ns: int, event: AnswerGiven) -> Effects:
     session.counts.pending += counted
     session.answers[event.teacher] = Given(event.answer_id, event.answer, at_ns)
     return (Acknowledge(event.answer_id, AnswerCode.ACCEPTED), *_close_if_answered(session, at_ns))
-
-
-def _why_rejected(session: Session, event: AnswerGiven) -> str:
-    """Say why an answer answers nothing that was asked, or return an empty text."""
-    if event.teacher not in session.teachers and session.phase is not Phase.FINISHED:  # they may come back
-        return "join the session before you answer"
-    kind = event.answer.kind
-    method = session.learner.method
-    if kind not in {AnswerKind.ABSTAIN, method.asks_before, method.asks_after}:
-        asked = session.asks.value if session.asks else "nothing"
-        return f"this session asks for {asked}, not {kind.value}"
-    if event.decision > session.decision or (
-        event.decision == session.decision and _is_unasked(session, kind)
-    ):
-        return "that decision is not open yet"
-    if event.decision == session.decision and session.phase is Phase.ASKING:
-        return _why_another(session, event)
-    return ""
-
-
-def _is_open_to(session: Session, event: AnswerGiven) -> bool:
-    if session.phase is not Phase.ASKING or event.decision != session.decision:
-        return False
-    return event.answer.kind in {session.asks, AnswerKind.ABSTAIN}
-
-
-def _why_another(session: Session, event: AnswerGiven) -> str:
-    """Say what in the open decision is not what the answer was given for, or return an empty text."""
-    if event.state != session.state:
-        return "that decision was asked for another state"
-    judged = event.answer.action if event.answer.kind is AnswerKind.REWARD else None
-    return "" if judged in {None, session.action} else "that decision led to another action"
-
-
-def _is_unasked(session: Session, kind: AnswerKind) -> bool:
-    """Tell whether the running decision, or the one that comes next, is still to be asked about."""
-    if session.phase in _BEFORE_A_DECISION:
-        return True
-    asked_before = session.learner.method.asks_before
-    if asked_before is None:
-        return session.phase is Phase.EXECUTING
-    return session.transition is None and kind not in {asked_before, AnswerKind.ABSTAIN}
-
-
-_BEFORE_A_DECISION = (Phase.GATHERING, Phase.BEGINNING, Phase.READY)
 
 
 def _too_late(session: Session, at_ns: int, event: AnswerGiven, *, counted: bool) -> AnswerCode:
@@ -262,6 +231,8 @@ def _labels(answers: Iterable[Answer]) -> int:
 def _taken(session: Session, at_ns: int, event: StepTaken) -> Effects:
     if session.phase is not Phase.EXECUTING or event.decision != session.decision:
         return (Ignored("no such step was to be taken"),)
+    if session.undo_due:
+        return _taken_back(session, at_ns, event)
     if session.learner.method.asks_after is not None:
         session.transition = event
         session.answers.clear()
@@ -270,7 +241,7 @@ def _taken(session: Session, at_ns: int, event: StepTaken) -> Effects:
 
 
 def _learn(session: Session, at_ns: int, taken: StepTaken) -> Effects:
-    """Update from the transition and go on to the next decision, episode or the end."""
+    """Update from the transition, then go on."""
     evidence = session.evidence or SILENCE
     learned = session.learner.learn(
         session.state,
@@ -283,6 +254,20 @@ def _learn(session: Session, at_ns: int, taken: StepTaken) -> Effects:
         distances=(session.distance, taken.distance),
         span_ms=(at_ns - session.asked_at_ns) / 1e6,
     )
+    session.undo_due = taken.outcome is Outcome.RUNNING and session.learner.undoes(evidence)
+    return _go_on(session, at_ns, taken, evidence, learned)
+
+
+def _taken_back(session: Session, at_ns: int, taken: StepTaken) -> Effects:
+    """Go on from where the last step began; nothing is learnt from the way back."""
+    session.undo_due = False
+    return _go_on(session, at_ns, taken, SILENCE, None)
+
+
+def _go_on(
+    session: Session, at_ns: int, taken: StepTaken, evidence: Evidence, learned: Learned | None
+) -> Effects:
+    """Measure the step, then open the next decision, or end the episode."""
     inputs = _labels(answer for _, answer in session.given)
     session.counts.pending -= inputs
     session.counts.applied += inputs
@@ -298,7 +283,7 @@ def _learn(session: Session, at_ns: int, taken: StepTaken) -> Effects:
         session.given,
         None if evidence.label < 0 else evidence.label,
         taken.reward,
-        learned,
+        learned or NOTHING_LEARNED,
         taken.outcome,
         taken.view,
         session.learner.values(session.state),

@@ -36,9 +36,9 @@ class EpisodeMeasures:
     steps: int
     optimal_steps: int | None
     abs_td_error: float
-    """Mean over the steps of |delta| of Eq. 2."""
+    """Mean over the learnt steps of |delta| of Eq. 2."""
     abs_td_error_shaped: float
-    """Mean over the steps of |delta| of Eq. 4."""
+    """Mean over the learnt steps of |delta| of Eq. 4."""
     discounted_return: float
     """Sum of gamma^t (r + h)."""
     discounted_env_return: float
@@ -60,18 +60,25 @@ class EpisodeTally:
         "_discount",
         "_env_return",
         "_inputs",
+        "_learnt",
         "_return",
         "_steps",
     )
 
     def __init__(self) -> None:
-        self._steps = self._inputs = self._agreements = 0
+        self._steps = self._learnt = self._inputs = self._agreements = 0
         self._abs_env = self._abs_shaped = self._return = self._env_return = 0.0
         self._discount = 1.0
 
-    def add(self, reward: float, learned: Learned, inputs: int, gamma: float) -> None:
-        """Count one step."""
+    def add(self, reward: float, learned: Learned | None, inputs: int, gamma: float) -> None:
+        """Count one step; None for one that was taken back, which is a step that nothing is learnt from."""
         self._steps += 1
+        if learned is None:
+            self._env_return += self._discount * reward
+            self._return += self._discount * reward
+            self._discount *= gamma
+            return
+        self._learnt += 1
         self._inputs += inputs
         self._agreements += learned.h > 0
         self._abs_env += abs(learned.environment)
@@ -82,13 +89,13 @@ class EpisodeTally:
 
     def measures(self, episode: int, optimal_steps: int | None, outcome: Outcome) -> EpisodeMeasures:
         """Return the measures of the episode as it stands; means are 0 before the first step."""
-        steps = max(1, self._steps)
+        learnt = max(1, self._learnt)
         return EpisodeMeasures(
             episode,
             self._steps,
             optimal_steps,
-            self._abs_env / steps,
-            self._abs_shaped / steps,
+            self._abs_env / learnt,
+            self._abs_shaped / learnt,
             self._return,
             self._env_return,
             self._inputs,

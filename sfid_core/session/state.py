@@ -61,6 +61,9 @@ class Session:
     distance: int = -1
     """Fewest steps from the state; -1 where there is no way or nobody knows."""
     action: int = 0
+    """Index of the action; the number of actions itself stands for taking the last step back."""
+    undo_due: bool = False
+    """The next decision takes the last step back."""
     opened_at_ns: int = 0
     asked_at_ns: int = 0
     deadline_ns: int | None = None

@@ -32,6 +32,8 @@ class TeacherParameters(NamedTuple):
     """Share of judgements of right that go without praise: mu+ of Loftin et al. 2015."""
     silence_wrong: Annotated[float, RATE] = 0.0
     """Share of judgements of wrong that go without blame: mu- of Loftin et al. 2015."""
+    guidance_width: Annotated[int, Range(1, 64)] = 2
+    """Actions that guidance points at: the one they would label and others, drawn (ours)."""
     praises: Annotated[int, Choice(("optimal", "preferred"))] = 0
     """What is right: any action that begins a shortest solution, or the one the teacher would label."""
     soften: Annotated[float, RATE] = 0.0
@@ -64,6 +66,8 @@ class TeacherMemory(NamedTuple):
 
 
 TEACHER_SCALARS = 1
+_GUIDANCE = 32
+"""First stream of guidance: one for each action that is pointed at beside the label."""
 _SILENCE, _ERROR, _CHOICE, _HABIT, _SOFTEN, _TIRED, _DELAY_1, _DELAY_2 = range(1, 9)
 """Streams of a teacher; 0 is their preference, 16 what they prefer after a drift."""
 
@@ -141,6 +145,27 @@ def label_of(
         named = nth_action(among, below(draw(key, _CHOICE), decision, count), actions)
     m.scalars[0] += 1.0
     return named
+
+
+@kernel
+def guidance_of(
+    t: TeacherParameters, m: TeacherMemory, key: int, decision: int, word: int, optimal: int, actions: int
+) -> int:
+    """Return the actions worth considering, bit a set for action a; 0 is silence.
+
+    The label that the teacher would give is among them; the others are drawn.
+    """
+    label = label_of(t, m, key, decision, word, optimal, actions)
+    if label < 0:
+        return 0
+    bits = 1 << label
+    for place in range(int(t.guidance_width) - 1):
+        left = ((1 << actions) - 1) & ~bits
+        count = count_actions(left, actions)
+        if count == 0:
+            return bits
+        bits |= 1 << nth_action(left, below(draw(key, _GUIDANCE + place), decision, count), actions)
+    return bits
 
 
 @kernel

@@ -16,6 +16,9 @@ def merge(answers: Sequence[Answer], actions: int, delay_ms: float) -> Evidence:
     """
     if len(answers) == 1:
         return _alone(answers[0], actions, delay_ms)
+    undone = sum(answer.kind is AnswerKind.UNDO for answer in answers)
+    if 2 * undone > len(answers):
+        return _undone(actions, delay_ms)
     label, belief = _merged_labels(answers, actions)
     if label is not None:
         return Evidence(given=1, label=label, belief=belief, delay_ms=delay_ms)
@@ -35,6 +38,8 @@ def _alone(answer: Answer, actions: int, delay_ms: float) -> Evidence:
         return Evidence(given=1, label=answer.action, belief=belief, delay_ms=delay_ms)
     if answer.kind is AnswerKind.REWARD and answer.reward:
         return Evidence(given=1, belief=_nowhere(actions), reward=answer.reward, delay_ms=delay_ms)
+    if answer.kind is AnswerKind.UNDO:
+        return _undone(actions, delay_ms)
     if answer.kind is AnswerKind.GUIDANCE and answer.guidance:
         guidance = sum(1 << action for action in set(answer.guidance))
         return Evidence(given=1, belief=_nowhere(actions), guidance=guidance, delay_ms=delay_ms)
@@ -44,6 +49,11 @@ def _alone(answer: Answer, actions: int, delay_ms: float) -> Evidence:
         first, last = answer.steps
         return Evidence(given=1, label=label, belief=belief, first=first, last=last, delay_ms=delay_ms)
     return SILENCE
+
+
+def _undone(actions: int, delay_ms: float) -> Evidence:
+    """Return what taking a step back says of it: blame."""
+    return Evidence(given=1, belief=_nowhere(actions), reward=-1.0, delay_ms=delay_ms, undo=1)
 
 
 def merge_labels(answers: Iterable[Answer]) -> int | None:

@@ -9,6 +9,7 @@ from sfid_core.teaching.kernels import (
     TeacherMemory,
     TeacherParameters,
     delay_of,
+    guidance_of,
     label_of,
     preference_key,
     preferred_of,
@@ -57,6 +58,19 @@ class SimulatedTeacher:
         word, bits = state_word(state), action_bits(optimal)
         said = label_of(self.parameters, self._memory, self.key, decision, word, bits, self._actions)
         return None if said < 0 else said
+
+    def guidance(self, decision: int, state: bytes, optimal: Iterable[int]) -> tuple[int, ...]:
+        """Return the actions this teacher points at, ascending; none is silence."""
+        bits = guidance_of(
+            self.parameters,
+            self._memory,
+            self.key,
+            decision,
+            state_word(state),
+            action_bits(optimal),
+            self._actions,
+        )
+        return tuple(action for action in range(self._actions) if bits >> action & 1)
 
     def reward(self, decision: int, state: bytes, action: int, optimal: Iterable[int]) -> float | None:
         """Return what this teacher thinks of `action`, in [-1, 1], or None for silence.

@@ -124,6 +124,7 @@ MEANINGS = {
     "deadlock_reward": "added to the step that makes the level unsolvable",
     "steps_max": "cap of an episode in steps; a capped episode is cut off, not terminal",
     "world": "the world of the session",
+    "may_undo": "whether an answer of the kind `undo` is welcome once the action was seen",
     "parameters": "parameters of the method that differ from its defaults: numbers, or words of a choice",
     "seed": "names every draw of the session",
     "teachers_min": "teachers who must have joined before the first decision",
