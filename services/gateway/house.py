@@ -56,6 +56,7 @@ class House:
 
     def admit(self, hello: Hello, line: Line) -> Visitor | None:
         """Return the person who says hello; None when they were refused, and told so."""
+        self._register.refresh()
         try:
             identity = self.identity(hello.token)
             identity, token = self._own(identity, hello)

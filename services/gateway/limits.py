@@ -26,6 +26,8 @@ class Reason(Enum):
     PEOPLE = "people"
     FLOW = "flow"
     FIELDS = "fields"
+    REPLAY = "replay"
+    """An answer that had its acknowledgement came again: it gets the same one, and nobody else is asked."""
     NOT_TEACHING = "not-teaching"
     SLOW_READER = "slow-reader"
     IDLE = "idle"

@@ -5,6 +5,7 @@ presence, their joining and the delivery of their answers, exactly as services.c
 """
 
 import secrets
+from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any, cast
@@ -29,6 +30,8 @@ ASK_TIMEOUT_MS = 500
 JOIN_RETRY_MS = 500
 SPREAD_MS = 100
 """Everybody joins again after a learner's restart; within so long, not all at once."""
+SETTLED_MAX = 64
+"""Answers of a person whose fate is remembered here; older ones the learner knows."""
 QUIET_MS = 5000
 """A topic may lose messages in silence: after so long without one somebody joins again and hears the news."""
 NOT_ACKNOWLEDGED = "no learner has taken it yet; it is kept and sent again"
@@ -50,7 +53,8 @@ class Seat:
         self._joined = False
         self._join_due_ns: int | None = 0
         self._withdraw: Callable[[], None] | None = None
-        self._open: set[bytes] = set()
+        self._open: dict[bytes, bytes] = {}
+        self._settled: OrderedDict[bytes, tuple[bytes, str]] = OrderedDict()
         answer_key = room.keys.answer(room.session, teacher)
         self._delivery = Delivery(
             partial(room.ask, answer_key), self._on_update, self._on_denied, Outbox(), room.clock, _chance
@@ -81,11 +85,17 @@ class Seat:
             self._withdraw = None
         self._joined, self._join_due_ns = False, None
 
-    def answer(self, message: Answer) -> None:
-        """Deliver an answer; one that is on its way already is not sent twice."""
+    def answer(self, message: Answer) -> bool:
+        """Deliver an answer; one on its way is not sent twice. False when it had been delivered before."""
+        payload = encode(message)
+        before, told = self._settled.get(message.answer_id, (b"", ""))
+        if before == payload:
+            self.tell(told)
+            return False
         if message.answer_id not in self._open:
-            self._open.add(message.answer_id)
-            self._delivery.send(message.answer_id, encode(message))
+            self._open[message.answer_id] = payload
+            self._delivery.send(message.answer_id, payload)
+        return True
 
     def join_afresh(self, spread_ms: int) -> None:
         """Join again, soon."""
@@ -130,19 +140,15 @@ class Seat:
             self.join_afresh(0)
 
     def _on_update(self, update: AnswerUpdate) -> None:
-        if update.state not in {AnswerState.SENDING, AnswerState.RETRYING}:
-            self._open.discard(update.answer_id)
         code = "" if update.acknowledgement is None else update.acknowledgement.code
+        answer_id = update.answer_id.hex()
+        frame = written("answer", id=answer_id, state=update.state.value, code=code, reason=update.reason)
+        if update.state is not AnswerState.RETRYING:
+            self._settled[update.answer_id] = (self._open.pop(update.answer_id), frame)
+            if len(self._settled) > SETTLED_MAX:
+                self._settled.popitem(last=False)
         self._room.on_answer_update(update)
-        self.tell(
-            written(
-                "answer",
-                id=update.answer_id.hex(),
-                state=update.state.value,
-                code=code,
-                reason=update.reason,
-            )
-        )
+        self.tell(frame)
 
 
 class Room:

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import socket
 from collections import Counter
 from functools import partial
 from http import HTTPStatus
@@ -26,6 +27,7 @@ _quiet.setLevel(logging.CRITICAL)
 MALFORMED_MAX = 10
 """Frames of one connection that cannot be read; then it is closed."""
 TOO_LARGE_CODE = 1009
+SEND_BUFFER_BYTES = 65_536
 
 
 class Crowd:
@@ -68,6 +70,8 @@ class Door(ServerConnection):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """See asyncio.Protocol."""
         self._address = str((transport.get_extra_info("peername") or ("",))[0])
+        # Left to itself the system keeps megabytes for each browser that does not read.
+        transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         super().connection_made(transport)
         if not self._crowd.enter(self._address):
             self.transport.abort()
@@ -81,8 +85,8 @@ class Door(ServerConnection):
 class SocketLine:
     """A Line (see visitor.py) over one websocket; a browser that does not read is let go."""
 
-    def __init__(self, socket: ServerConnection, limits: Limits, counters: Counters) -> None:
-        self._socket, self._limits, self._counters = socket, limits, counters
+    def __init__(self, browser: ServerConnection, limits: Limits, counters: Counters) -> None:
+        self._socket, self._limits, self._counters = browser, limits, counters
         self._closing: asyncio.Task[None] | None = None
 
     def send(self, text: str) -> None:
@@ -95,6 +99,11 @@ class SocketLine:
             transport.abort()
             return
         broadcast((self._socket,), text)
+
+    async def closed(self) -> None:
+        """Wait until a closing that was begun has come to its end, with its code."""
+        if self._closing is not None:
+            await self._closing
 
     def close(self, code: int, reason: str) -> None:
         """See Line."""
@@ -131,25 +140,26 @@ class Reception:
         self._counters.refuse(reason)
         return self._page.refusal(status)
 
-    async def on_socket(self, socket: ServerConnection) -> None:
+    async def on_socket(self, browser: ServerConnection) -> None:
         """Serve one websocket to its end."""
-        line = SocketLine(socket, self._limits, self._counters)
+        line = SocketLine(browser, self._limits, self._counters)
         visitor: Visitor | None = None
         try:
-            visitor = await self._greet(socket, line)
+            visitor = await self._greet(browser, line)
             if visitor is not None:
-                await self._listen(socket, line, visitor)
+                await self._listen(browser, line, visitor)
         except ConnectionClosed as closed:
             if closed.sent is not None and closed.sent.code == TOO_LARGE_CODE:
                 self._counters.refuse(Reason.TOO_LARGE)
         finally:
             if visitor is not None:
                 visitor.depart(line, self._house.now_ns())
+            await line.closed()
 
-    async def _greet(self, socket: ServerConnection, line: SocketLine) -> Visitor | None:
+    async def _greet(self, browser: ServerConnection, line: SocketLine) -> Visitor | None:
         try:
             async with asyncio.timeout(self._limits.hello_timeout_s):
-                text = await socket.recv()
+                text = await browser.recv()
         except TimeoutError:
             self._counters.refuse(Reason.NO_HELLO)
             line.close(BAD_FRAME, "no hello")
@@ -162,10 +172,10 @@ class Reception:
         line.close(BAD_FRAME, "no hello")
         return None
 
-    async def _listen(self, socket: ServerConnection, line: SocketLine, visitor: Visitor) -> None:
+    async def _listen(self, browser: ServerConnection, line: SocketLine, visitor: Visitor) -> None:
         loop = asyncio.get_running_loop()
         malformed = 0
-        async for text in socket:
+        async for text in browser:
             if visitor.line is not line or not visitor.admit(loop.time()):
                 continue
             frame = self._read(text, line)

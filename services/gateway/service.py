@@ -24,7 +24,7 @@ from services.screens import Flow, TeachOnly
 log = logging.getLogger("sfid.gateway")
 
 TICK_S = 0.05
-STATUS_S = 2.0
+STATUS_S = 0.5
 DRAIN_S = 3.0
 STATUS_NAME = "status.json"
 

@@ -211,7 +211,8 @@ class Visitor:
             )
             return
         self._counters.done["answers"] += 1
-        place[1].answer(answer_of(say, self.person.pseudonym, self._token))
+        if not place[1].answer(answer_of(say, self.person.pseudonym, self._token)):
+            self._counters.refuse(Reason.REPLAY)
 
     def _refuse(self, reason: Reason, text: str, *, final: bool = False) -> None:
         self._counters.refuse(reason)

@@ -127,7 +127,8 @@ def test_fingers_tap_and_swipe_on_a_phone(class_: Lesson, open_tab: Open) -> Non
     overflow = "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
     assert tab.run(overflow) == list(PHONE)
     small = tab.run(
-        "[...document.querySelectorAll('.pad button')].filter((b) => b.getBoundingClientRect().height < 44).length"
+        "[...document.querySelectorAll('.pad button')]"
+        ".filter((button) => button.getBoundingClientRect().height < 44).length"
     )
     assert small == 0
 
@@ -294,8 +295,10 @@ def test_a_screen_reader_hears_the_state_in_words_and_every_button_has_a_name(
     session = class_.session()
     tab = open_tab(class_.link(session))
     shown(tab)
-    words = tab.wait("document.getElementById('live').textContent.includes('Around the agent') "
-                     "&& document.getElementById('live').textContent")
+    words = tab.wait(
+        "document.getElementById('live').textContent.includes('Around the agent') "
+        "&& document.getElementById('live').textContent"
+    )
     assert words.startswith("Which way would you go?")
     assert "1 boxes in place" in words
     tab.wire.call("Accessibility.enable")
@@ -327,8 +330,8 @@ def test_text_stands_out_from_its_ground(class_: Lesson, open_tab: Open, scheme:
     shown(tab)
     names = ["--ink", "--soft", "--good", "--late", "--bad"]
     colours = tab.run(
-        "(() => { const s = getComputedStyle(document.documentElement); const c = document.createElement('canvas')"
-        ".getContext('2d'); const rgb = (n) => { c.fillStyle = s.getPropertyValue(n); c.fillRect(0, 0, 1, 1);"
+        "(() => { const s = getComputedStyle(document.documentElement);"
+        " const c = document.createElement('canvas').getContext('2d'); const rgb = (n) => { c.fillStyle = s.getPropertyValue(n); c.fillRect(0, 0, 1, 1);"
         " return [...c.getImageData(0, 0, 1, 1).data].slice(0, 3); };"
         f" return {json.dumps([*names, '--bg', '--panel'])}.map(rgb); }})()"
     )
