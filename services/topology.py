@@ -19,6 +19,7 @@ class Role(Enum):
     MONITOR = "monitor"
     TEACHER = "teacher"
     GATEWAY = "gateway"
+    AGGREGATOR = "aggregator"
     OPERATOR = "operator"
 
 
@@ -36,12 +37,31 @@ class Node:
     watches: tuple[str, ...] = ()
 
 
-def topology(keys: Keys) -> tuple[Node, ...]:
-    """Return every role of a deployment, in the order in which processes start."""
+def topology(keys: Keys, crowd: Keys | None = None) -> tuple[Node, ...]:
+    """Return every role of a deployment, in the order in which processes start.
+
+    Args: crowd: the keys of its crowd, a deployment of its own where an aggregator stands for the learner.
+    """
+    crowd = crowd or Keys(f"{keys.deployment}-crowd")
     return (
         Node(Role.ROUTER, "carries all messages; every other process is its client"),
         *_services(keys),
+        _aggregator(keys, crowd),
         *_clients(keys),
+    )
+
+
+def _aggregator(keys: Keys, crowd: Keys) -> Node:
+    about = ("list", "show")
+    return Node(
+        Role.AGGREGATOR,
+        "a teacher to the learner, a learner to its crowd: weighs many answers into one",
+        publishes=(crowd.decision(), crowd.measures(), keys.crowd()),
+        subscribes=(keys.decision(), keys.measures()),
+        serves=(crowd.answer(), crowd.join(), crowd.control(), *(crowd.learner(verb) for verb in about)),
+        asks=(keys.join(), keys.answer(), *(keys.learner(verb) for verb in about)),
+        announces=(keys.present(), keys.service("aggregator")),
+        watches=(crowd.present(),),
     )
 
 
@@ -73,7 +93,7 @@ def _clients(keys: Keys) -> tuple[Node, ...]:
         Node(
             Role.MONITOR,
             "draws sessions for remote viewing; may be slow, absent or dead",
-            subscribes=news,
+            subscribes=(*news, keys.crowd()),
             asks=(keys.learner("list"), keys.learner("show")),
         ),
         Node(

@@ -1,9 +1,9 @@
 """The services of a deployment as processes to supervise."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from services.runtime.config import GatewaySection
+from services.runtime.config import AggregatorSection, GatewaySection
 from services.supervisor import Service, Supervisor, write_processes
 
 
@@ -19,6 +19,11 @@ class Deployed:
     def common(self) -> tuple[str, ...]:
         """Flags of every client of the router."""
         return ("--connect", self.endpoint, "--deployment", self.deployment)
+
+    @property
+    def of_the_crowd(self) -> "Deployed":
+        """The same for members of the crowd, who meet the aggregator instead of the learner."""
+        return replace(self, deployment=f"{self.deployment}-crowd")
 
 
 def make_directories(data: Path) -> Path:
@@ -56,9 +61,18 @@ def monitor(deployed: Deployed, *, viewer: bool, ports: tuple[int, int, int]) ->
     return Service("monitor", (*arguments, "--viewer" if viewer else "--no-viewer"))
 
 
+def aggregator(deployed: Deployed, section: AggregatorSection) -> Service:
+    """Return the aggregator, which keeps its journal in the data directory."""
+    arguments = ("aggregate", *deployed.common, "--data", str(deployed.data), "--name", section.name)
+    for name in ("method", "quorum", "margin_ms", "patience_ms", "abstain_below", "gold_share"):
+        arguments += (f"--{name.replace('_', '-')}", str(getattr(section, name)))
+    return Service("aggregator", arguments)
+
+
 def gateway(deployed: Deployed, section: GatewaySection) -> Service:
     """Return the gateway, which serves the teaching page and keeps its files in the data directory."""
-    arguments = ("gateway", *deployed.common, "--data", str(deployed.data), "--listen", section.listen)
+    common = deployed.of_the_crowd.common if section.crowd else deployed.common
+    arguments = ("gateway", *common, "--data", str(deployed.data), "--listen", section.listen)
     for flag, value in (
         ("--url", section.url),
         ("--tls-cert", section.tls_cert),

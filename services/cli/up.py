@@ -30,8 +30,11 @@ def up(
     gateway: Annotated[
         bool | None, typer.Option(help="Serve the teaching page for browsers; overrides the file.")
     ] = None,
+    crowd: Annotated[
+        bool | None, typer.Option(help="Let a crowd teach as one teacher; overrides the file.")
+    ] = None,
 ) -> None:
-    """Run router, environment, learner and monitor, and a gateway if asked; restart what dies; Ctrl-C drains."""
+    """Run router, environment, learner, monitor, gateway and crowd as asked; revive what dies."""
     try:
         settings = Config() if config is None else read_config(config)
     except ConfigError as error:
@@ -44,10 +47,17 @@ def up(
         raise CommandError(message) from None
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)-7s up %(message)s")
     with suppress(KeyboardInterrupt), stoppable():  # being stopped is how it ends well
-        _run(deployed, settings, viewer=viewer, gateway=gateway)
+        _run(deployed, settings, viewer=viewer, gateway=gateway, crowd=crowd)
 
 
-def _run(deployed: launch.Deployed, settings: Config, *, viewer: bool | None, gateway: bool | None) -> None:
+def _run(
+    deployed: launch.Deployed,
+    settings: Config,
+    *,
+    viewer: bool | None,
+    gateway: bool | None,
+    crowd: bool | None,
+) -> None:
     supervisor = launch.supervise(deployed.data, None)
     try:
         supervisor.start(launch.router(deployed))
@@ -57,6 +67,9 @@ def _run(deployed: launch.Deployed, settings: Config, *, viewer: bool | None, ga
             ports = (section.scene_port, section.curves_port, section.web_port)
             shown = section.viewer if viewer is None else viewer
             services.append(launch.monitor(deployed, viewer=shown, ports=ports))
+        with_crowd = settings.aggregator.enabled if crowd is None else crowd
+        if with_crowd:
+            services.append(launch.aggregator(deployed, settings.aggregator))
         if settings.gateway.enabled if gateway is None else gateway:
             services.append(launch.gateway(deployed, settings.gateway))
         details = supervisor.start(*services)
@@ -64,6 +77,10 @@ def _run(deployed: launch.Deployed, settings: Config, *, viewer: bool | None, ga
         for name in ("monitor", "gateway"):
             if details.get(name):
                 print(details[name], flush=True)
+        if with_crowd:
+            print(
+                f"members of the crowd teach with --deployment {deployed.of_the_crowd.deployment}", flush=True
+            )
         print("next: `sfid session create NAME`, then `sfid teach keyboard --session NAME`", flush=True)
         while True:
             supervisor.check()

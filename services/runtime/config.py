@@ -35,6 +35,24 @@ class GatewaySection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     tls_cert: str | None = None
     tls_key: str | None = None
     insecure_bind: bool = False
+    crowd: bool = False
+    """Whether its people are members of the crowd instead of teachers of the learner."""
+
+
+class AggregatorSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """[aggregator]: a crowd that teaches as one teacher; off unless asked for."""
+
+    enabled: bool = False
+    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,47}$")] = "crowd"
+    """The name under which the crowd teaches; its journal is in crowd-NAME of the data directory."""
+    method: str = "one-coin"
+    """majority, weighted, one-coin or dawid-skene."""
+    quorum: Annotated[int, Meta(ge=0)] = 0
+    """Answers that close a decision; 0: everybody present."""
+    margin_ms: Annotated[int, Meta(ge=0, le=60_000)] = 100
+    patience_ms: Annotated[int, Meta(ge=1, le=3_600_000)] = 5_000
+    abstain_below: Annotated[float, Meta(ge=0, le=1)] = 0.6
+    gold_share: Annotated[float, Meta(ge=0, le=1)] = 0.0
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -47,6 +65,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     deployment: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,47}$")] = "local"
     monitor: MonitorSection = MonitorSection()
     gateway: GatewaySection = GatewaySection()
+    aggregator: AggregatorSection = AggregatorSection()
 
 
 def read_config(path: Path) -> Config:
@@ -64,9 +83,10 @@ def read_config(path: Path) -> Config:
     except msgspec.ValidationError as error:
         known = ", ".join(
             [
-                *Config.__struct_fields__[:-2],
+                *Config.__struct_fields__[:-3],
                 *(f"monitor.{f}" for f in MonitorSection.__struct_fields__),
                 *(f"gateway.{f}" for f in GatewaySection.__struct_fields__),
+                *(f"aggregator.{f}" for f in AggregatorSection.__struct_fields__),
             ]
         )
         message = f"{path}: {error}: known keys are {known}"
