@@ -1,45 +1,52 @@
 """A session taught through an aggregator over a real router by real processes (ring 3)."""
 
 import json
-import subprocess
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
+from websockets.sync.client import connect
+from websockets.typing import Origin
 
 from protocol.crowd_journal import fold_crowd
+from protocol.identity import Identity, Role, sign
 from protocol.journal import Record, read_answer_body
 from protocol.keys import Keys
 from services.client import AnswerState, AnswerUpdate, Client, Opened
+from services.gateway.config import GatewayConfig
+from services.gateway.register import new_token_id
+from services.gateway.secret import load_secrets
+from services.gateway.service import read_status
 from services.outbox import Outbox
 from services.router import free_endpoint
 from services.runtime.clock import SystemClock
 from services.runtime.journal import read_rows, verify
 from services.runtime.zenoh_bus import open_bus
-from tests.contract.router_process import router_process
-from tests.services.cli.command_line import running, sfid, wait_for
+from tests.services.cli.command_line import kill, processes, running, sfid, wait_for
+from tests.services.gateway.gateway_house import Browser
 
 pytestmark = pytest.mark.real
 
 
-class Person(threading.Thread):
-    """A teacher with the client class of page and terminal: answers until told to leave, or the end."""
+class Terminal(threading.Thread):
+    """A teacher with the client class of the terminal: answers until the end."""
 
-    def __init__(self, endpoint: str, name: str) -> None:
-        super().__init__(name=name, daemon=True)
+    def __init__(self, endpoint: str) -> None:
+        super().__init__(name="terminal", daemon=True)
         self.endpoint = endpoint
-        self.leave = threading.Event()
         self.acknowledged: dict[bytes, str] = {}
         self.finished = False
 
     def run(self) -> None:
         bus = open_bus(self.endpoint, 5_000)
-        client = Client(bus, Keys("local-crowd"), "s1", self.name, outbox=Outbox(), clock=SystemClock())
-        with client:
-            while not self.leave.is_set() and not self.finished:
+        keys = Keys("local-crowd")
+        with Client(bus, keys, "s1", self.name, outbox=Outbox(), clock=SystemClock()) as client:
+            while not self.finished:
                 self._hear(client, client.next(0.1))
         bus.close()
 
@@ -53,30 +60,65 @@ class Person(threading.Thread):
                 self.acknowledged[answer_id] = state.value
 
 
+class Page(threading.Thread):
+    """A browser's end of the gateway's websocket: answers until told to leave."""
+
+    def __init__(self, data: Path) -> None:
+        super().__init__(name="page", daemon=True)
+        self.data = data
+        self.leave = threading.Event()
+        self.acknowledged: dict[bytes, str] = {}
+        self.answered = -1
+
+    def run(self) -> None:
+        url = str(read_status(self.data)["url"])
+        with connect(f"ws://{url.partition('://')[2]}/socket", origin=Origin(url), proxy=None) as socket:
+            browser = Browser(socket).hello(self._token())
+            while not self.leave.is_set():
+                self._hear(browser, self._next(browser))
+
+    def _hear(self, browser: Browser, frame: dict[str, Any]) -> None:
+        if frame.get("type") == "answer" and frame["state"] in {"saved", "too_late"}:
+            self.acknowledged[bytes.fromhex(frame["id"])] = frame["state"]
+        elif frame.get("phase") == "asking" and frame["decision"] > self.answered:
+            self.answered = frame["decision"]
+            browser.answer(frame["decision"] + 1, frame)
+
+    def _next(self, browser: Browser) -> dict[str, Any]:
+        try:
+            frame: dict[str, Any] = json.loads(browser.socket.recv(timeout=0.1))
+        except TimeoutError:
+            return {}
+        return frame
+
+    def _token(self) -> str:
+        identity = Identity(
+            role=Role.TEACHER, pseudonym="page", session="s1", expires_s=int(time.time()) + 3600,
+            token_id=new_token_id(),
+        )  # fmt: skip
+        return sign(identity, load_secrets(GatewayConfig(self.data).folder))
+
+
 @dataclass
 class Deployment:
-    """Router, environment, learner and aggregator as processes."""
+    """Everything by `sfid up`, but the viewer."""
 
     data: Path
     endpoint: str
     stack: ExitStack
-    aggregator: "subprocess.Popen[str] | None" = None
 
     @property
     def crowd_dir(self) -> Path:
         return self.data / "crowd-crowd"
 
-    def start(self, *command: str) -> "subprocess.Popen[str]":
-        log = self.data / f"{command[0]}.log"
-        return self.stack.enter_context(running(*command, "--connect", self.endpoint, stderr=log))
-
-    def start_aggregator(self) -> None:
-        self.aggregator = self.start("aggregate", "--data", str(self.data))
+    def start(self, *command: str) -> None:
+        log = self.data / f"{command[1]}.log"
+        self.stack.enter_context(running(*command, "--connect", self.endpoint, stderr=log))
 
     def kill_aggregator(self) -> None:
-        assert self.aggregator is not None
-        self.aggregator.kill()
-        self.aggregator.wait()
+        pid = processes(self.data)["aggregator"]
+        kill(pid)
+        wait_for("it is started again", lambda: processes(self.data).get("aggregator", pid) != pid)
 
     def session(self, *flags: str) -> None:
         common = ("--connect", self.endpoint, "--level", "room")
@@ -97,48 +139,62 @@ class Deployment:
 @pytest.fixture
 def deployment(tmp_path: Path) -> Iterator[Deployment]:
     endpoint = free_endpoint()
-    with router_process(endpoint), ExitStack() as stack:
-        made = Deployment(tmp_path, endpoint, stack)
-        made.start("environment")
-        made.start("learner", "--data", str(tmp_path))
-        made.start_aggregator()
-        yield made
+    settings = tmp_path / "up.toml"
+    settings.write_text(
+        f"""data = "{tmp_path}"
+listen = "{endpoint}"
+[monitor]
+enabled = false
+[gateway]
+enabled = true
+crowd = true
+listen = "127.0.0.1:0"
+[aggregator]
+enabled = true
+"""
+    )
+    with ExitStack() as stack:
+        up = stack.enter_context(running("up", "--config", str(settings), stderr=tmp_path / "up.log"))
+        assert up.stdout is not None
+        lines = [up.stdout.readline() for _ in range(4)]
+        assert lines[-1].startswith("next: ")
+        assert "members of the crowd teach with --deployment local-crowd\n" in lines
+        yield Deployment(tmp_path, endpoint, stack)
+        up.terminate()
+        up.wait(30)
 
 
-def test_script_terminal_and_page_teach_one_session_through_an_aggregator_that_is_killed(
+def test_page_terminal_and_script_teach_one_session_through_an_aggregator_that_is_killed(
     deployment: Deployment,
 ) -> None:
     deployment.session("--episodes", "4", "--seed", "3")
-    script = ("teach", "scripted", "--session", "s1", "--deployment", "local-crowd", "--name", "script")
-    deployment.start(*script)
-    helper = (*script[:-1], "second-script")
-    deployment.start(*helper)
-    page = Person(deployment.endpoint, "page")
-    terminal = Person(deployment.endpoint, "terminal")
+    script = ("teach", "scripted", "--session", "s1", "--deployment", "local-crowd", "--name")
+    deployment.start(*script, "script")
+    deployment.start(*script, "second-script")
+    page, terminal = Page(deployment.data), Terminal(deployment.endpoint)
     page.start()
     terminal.start()
     wait_for("the crowd has begun", lambda: deployment.conclusions() >= 10)
     deployment.kill_aggregator()
     before = deployment.conclusions()
-    deployment.start_aggregator()
     wait_for("the crowd goes on after a kill", lambda: deployment.conclusions() >= before + 5)
     page.leave.set()  # a member who leaves stops nobody
     wait_for("the session ends", lambda: terminal.finished, 60.0)
     terminal.join(10)
     page.join(10)
     wait_for("its end is durable", lambda: "finished" in {row.kind for row in deployment.crowd_rows()})
-    _nothing_is_lost(deployment, page, terminal)
+    _nothing_is_lost(deployment, terminal.acknowledged, page.acknowledged)
     _who_said_what(deployment)
 
 
-def _nothing_is_lost(deployment: Deployment, *people: Person) -> None:
+def _nothing_is_lost(deployment: Deployment, *people: dict[bytes, str]) -> None:
     codes: dict[bytes, list[str]] = {}
     for row in read_rows(deployment.crowd_dir):
         if row.kind == "answer" and row.body is not None and row.unique is not None:
             codes.setdefault(row.unique, []).append(read_answer_body(row.body)[0].value)
-    for person in people:
-        assert person.acknowledged
-        for answer_id, state in person.acknowledged.items():
+    for acknowledged in people:
+        assert acknowledged
+        for answer_id, state in acknowledged.items():
             assert len(codes[answer_id]) == 1, "an acknowledged answer is in the journal, once"
             assert (codes[answer_id][0] == "accepted") is (state == "saved")
     folded = fold_crowd(deployment.crowd_rows())
