@@ -136,10 +136,10 @@ class SimulatedShard(Shard):
             case Fate.GOOD:
                 super().commit()
             case Fate.FULL:
-                raise JournalFull(f"{self.directory}: no space left")
+                raise JournalFull("the disk: no space left")
             case Fate.SYNC_FAILS:
                 self._leave_unsynced()
-                raise JournalError(f"{self.directory}: Input/output error")
+                raise JournalError("the disk: input/output error")
             case Fate.CUT_BEFORE:
                 self._disk.cut()
                 raise PowerCut

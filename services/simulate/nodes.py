@@ -57,11 +57,11 @@ class Node(ABC):
         self._survive(self.begin)
         self.wake()
 
-    def kill(self) -> None:
-        """Die as by SIGKILL."""
+    def kill(self, what: str = "die") -> None:
+        """Die as by SIGKILL; `what` is how it is told."""
         if self.alive:
             self.alive = False
-            self.hub.see("die", self.name, "")
+            self.hub.see(what, self.name, "")
             self.bus.kill()
             self.end()
 
@@ -229,7 +229,7 @@ class TeacherNode(Node):
         if self._over and not self.unacknowledged:
             self.done = True
             client.close()
-            self.kill()
+            self.kill("leave")
 
     def due_ns(self) -> int | None:
         """See Node."""

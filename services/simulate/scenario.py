@@ -12,8 +12,8 @@ from services.simulate.disk import DiskFaults
 from sfid_core.teaching.kernels import TeacherParameters
 
 SESSION = "s1"
-LESSONS = 24
-"""Lessons are few and shared by all seeds, so that each is run without faults only once."""
+LESSONS, SEEDS_A_SET = 24, 1_000
+"""So many lessons are shared by so many seeds, so that each lesson is run without faults only once."""
 TEACHERS = ("ann", "bob", "cyd")
 LEVELS = (
     "#######\n#.  $@#\n#     #\n#######",
@@ -71,10 +71,6 @@ class Scenario:
     viewer: bool = True
     meddler: bool = True
 
-    def calm(self) -> "Scenario":
-        """Return the same lesson with nothing in its way, and nobody watching."""
-        return Scenario(0, self.lesson, Faults(), DiskFaults(), (), viewer=False, meddler=False)
-
     def watched(self) -> "Scenario":
         """Return the same with a viewer."""
         return replace(self, viewer=True)
@@ -82,6 +78,11 @@ class Scenario:
     def unwatched(self) -> "Scenario":
         """Return the same without a viewer."""
         return replace(self, viewer=False)
+
+
+def lesson_of(seed: int) -> int:
+    """Return the number of the lesson that a seed teaches."""
+    return seed % LESSONS + LESSONS * (seed // SEEDS_A_SET)
 
 
 @lru_cache(LESSONS)
@@ -117,10 +118,15 @@ def lesson(number: int) -> Lesson:
     return Lesson(config, teachers, faults, exact=kind in {"exact", "q-learning"})
 
 
+def undisturbed(taught: Lesson) -> Scenario:
+    """Return a lesson with nothing in its way, and nobody watching."""
+    return Scenario(0, taught, Faults(), DiskFaults(), (), viewer=False, meddler=False)
+
+
 def scenario(seed: int) -> Scenario:
     """Return what a seed stands for."""
     chance = dice(seed, "scenario")
-    taught = lesson(seed % LESSONS)
+    taught = lesson(lesson_of(seed))
     faults = Faults(
         drop=chance.choice((0.0, 0.02, 0.1)),
         duplicate=chance.choice((0.0, 0.05, 0.3)),

@@ -36,7 +36,7 @@ TAIL_NS = SECOND // 2
 """Faults go on for so long after the end was told: it must hold."""
 QUIET_NS = 2 * SECOND
 """What is still on its way arrives within so long; the report is asked for after it."""
-APPOINTMENTS_MAX = 400_000
+APPOINTMENTS_MAX = 50_000
 """A run that goes on for ever is cut off here."""
 _FAULTS = frozenset({"lost", "again", "cut", "offline", "die", "stall"})
 BEGINNING_WALL_NS = 1_700_000_000 * SECOND
@@ -138,7 +138,7 @@ class Stage:
 
     def _heal(self) -> None:
         """End all faults and start what is dead; a disk that failed works again."""
-        self.meddler.kill()
+        self.meddler.kill("leave")
         self._healed = True
         self.hub.heal()
         self.disk.faults = DiskFaults()
@@ -215,7 +215,7 @@ class Stage:
             if node.unacknowledged and name not in self._left
         }
         history.died_of = [line for node in self._processes.values() for line in node.died_of]
-        self.learner.kill()
+        self.learner.kill("leave")
         history.data_dir = self.disk.data_dir
         history.appointments = self.timeline.happened
         history.faults = len(self.disk.fates) + sum(seen.what in _FAULTS for seen in history.seen)

@@ -29,7 +29,7 @@ LIMIT_S = 110
 
 @dataclass(frozen=True)
 class Bug:
-    """A mutation of the text of one file."""
+    """A mutation of the text of one file, which is found by its text below `path`."""
 
     name: str
     rule: str
@@ -49,9 +49,8 @@ class Found:
     what: tuple[str, ...]
 
 
-LEARNER = "services/learner/service.py"
-RECEPTION = "services/learner/reception.py"
-MACHINE = "sfid_core/session/machine.py"
+LEARNER = RECEPTION = "services/learner"
+MACHINE = "sfid_core/session"
 ENVIRONMENT = "services/environment.py"
 
 BUGS = (
@@ -131,8 +130,9 @@ BUGS = (
         "an answer to an earlier decision is applied to the open one",
         "R5",
         MACHINE,
-        "    if not _is_open_to(session, event):\n",
-        "    if session.phase is not Phase.ASKING:\n",
+        "    if session.phase is not Phase.ASKING or event.decision != session.decision:\n"
+        "        return False\n",
+        "    if session.phase is not Phase.ASKING:\n        return False\n",
     ),
     Bug(
         "an overtaken answer still counts as pending",
@@ -192,8 +192,8 @@ BUGS = (
         "R10",
         "services/learner/office.py",
         "        session = live.session\n        shown =",
-        "        session = live.session\n"
-        "        session.learner.draws = session.learner.draws._replace(ties=session.learner.draws.ties + 1)\n"
+        "        session, learner = live.session, live.session.learner\n"
+        "        learner._draws = learner._draws._replace(ties=learner._draws.ties + 1)\n"
         "        shown =",
     ),
 )
@@ -203,10 +203,14 @@ def plant(bug: Bug, directory: Path) -> Path:
     """Return a copy of the packages with the bug in it."""
     for package in PACKAGES:
         shutil.copytree(ROOT / package, directory / package, ignore=shutil.ignore_patterns("__pycache__"))
-    path = directory / bug.path
-    text = path.read_text(encoding="utf-8")
-    assert text.count(bug.old) == 1, f"{bug.path} has changed: plant {bug.name!r} elsewhere"
-    path.write_text(text.replace(bug.old, bug.new), encoding="utf-8")
+    below = directory / bug.path
+    texts = {
+        path: path.read_text(encoding="utf-8")
+        for path in ([below] if below.is_file() else below.rglob("*.py"))
+    }
+    places = [path for path, text in texts.items() if text.count(bug.old) == 1]
+    assert len(places) == 1, f"{bug.path} has changed: plant {bug.name!r} elsewhere"
+    places[0].write_text(texts[places[0]].replace(bug.old, bug.new), encoding="utf-8")
     return directory
 
 

@@ -1,0 +1,122 @@
+"""`sfid simulate` and what it stands on: a seed is one run to the byte, and faults do happen in it."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from services.simulate.campaign import campaign, judge
+from services.simulate.disk import Fate
+from services.simulate.model import Table, moved, opinion, verdict
+from services.simulate.scenario import LESSONS, What, lesson, scenario, undisturbed
+from services.simulate.stage import Stage
+from services.simulate.trace import line
+from tests.simulation.planted import BUGS, plant
+
+SEED = 5
+
+
+def sfid(*arguments: str, where: Path | None = None) -> subprocess.CompletedProcess[str]:
+    environment = dict(os.environ) if where is None else dict(os.environ) | {"PYTHONPATH": str(where)}
+    return subprocess.run(
+        [sys.executable, "-m", "services.cli.main", "simulate", *arguments],
+        capture_output=True, text=True, timeout=100, check=False, cwd=where, env=environment,
+    )  # fmt: skip
+
+
+def test_the_same_seed_is_the_same_run_to_the_byte_and_another_seed_another() -> None:
+    first, again, other = judge(SEED, trace=True), judge(SEED, trace=True), judge(SEED + LESSONS, trace=True)
+    assert first == again
+    assert first.seen == again.seen
+    assert first.trace_sha256 != other.trace_sha256
+
+
+def test_a_run_without_faults_meets_none(tmp_path: Path) -> None:
+    history = Stage(undisturbed(lesson(SEED)), tmp_path).play()
+    assert history.faults == 0
+    assert history.report is not None
+    assert history.unacknowledged == {}
+
+
+def test_all_kinds_of_trials_lessons_and_disk_fates_are_drawn() -> None:
+    assert {trial.what for seed in range(200) for trial in scenario(seed).trials} == set(What)
+    methods = {lesson(number).config.method for number in range(LESSONS)}
+    modes = {lesson(number).config.window.mode for number in range(LESSONS)}
+    assert methods == {"sfid", "reward", "q-learning"}
+    assert modes == {"until-answered", "early", "full"}
+    assert len(Fate) == 7
+
+
+def test_a_campaign_is_the_same_whoever_shares_the_seeds() -> None:
+    *_, (alone, _) = campaign(0, 16)
+    *_, (shared, _) = campaign(0, 16, jobs=2)
+    alone.seconds = shared.seconds
+    assert alone == shared
+    assert (alone.seeds, alone.failures) == (16, [])
+    assert alone.faults > 16
+
+
+def test_one_json_document_says_what_came_of_the_seeds() -> None:
+    done = sfid("--seeds", "6", "--seed", "3", "--json", "--jobs", "1")
+    document = json.loads(done.stdout)
+    assert (done.returncode, document["ok"], document["seeds"], document["failures"]) == (0, True, 6, [])
+    assert set(document) == {
+        "seeds", "ok", "failures", "steps", "events", "faults", "seconds", "trace_sha256"
+    }  # fmt: skip
+    assert document["steps"] > 0
+
+
+def test_a_failure_is_told_with_the_command_that_repeats_it_and_exit_1(tmp_path: Path) -> None:
+    bug = next(bug for bug in BUGS if bug.name == "some steps are not journaled")
+    where = plant(bug, tmp_path)
+    done = sfid("--seeds", "1", "--json", where=where)
+    failures = json.loads(done.stdout)["failures"]
+    assert done.returncode == 1
+    assert failures[0]["seed"] == 0
+    assert failures[0]["repeat"] == "sfid simulate --seed 0 --trace"
+    repeated = sfid("--seed", "0", "--trace", "--json", where=where)
+    assert json.loads(repeated.stdout)["failures"] == failures
+    assert "publish    learner" in repeated.stderr
+
+
+def test_every_event_is_one_readable_line() -> None:
+    lines = [line(seen) for seen in judge(SEED, trace=True).seen]
+    assert len(lines) > 100
+    assert all("\n" not in text and text.isprintable() for text in lines)
+
+
+@pytest.mark.parametrize(
+    "view, action, after",
+    [
+        ("#####\n#@$ #\n#####", "RIGHT", "#####\n# @$#\n#####"),
+        ("#####\n#@$.#\n#####", "RIGHT", "#####\n# @*#\n#####"),
+        ("#####\n#+*.#\n#####", "RIGHT", "#####\n#.+*#\n#####"),
+        ("#####\n#@$$#\n#####", "RIGHT", "#####\n#@$$#\n#####"),
+        ("#####\n#@$ #\n#####", "UP", "#####\n#@$ #\n#####"),
+        ("###\n#.#\n#@#\n###", "UP", "###\n#+#\n# #\n###"),
+    ],
+)
+def test_the_model_moves_as_sokoban_does(view: str, action: str, after: str) -> None:
+    assert moved(view, action) == after
+
+
+def test_the_model_counts_votes() -> None:
+    assert opinion([]) is None
+    assert opinion(["UP", "DOWN"]) is None
+    assert opinion(["UP", "DOWN", "UP"]) == "UP"
+    assert verdict([]) == 0.0
+    assert verdict([1.0, -1.0]) == 0.0
+    assert verdict([1.0, 0.5, -1.0]) == 0.75
+
+
+def test_the_model_learns_a_case_computed_by_hand() -> None:
+    table = Table(0.5, 0.5)
+    table.learn(b"a" * 16, "UP", 1.0, 1.0, None)
+    table.learn(b"b" * 16, "LEFT", 0.0, -1.0, b"a" * 16)
+    again = Table(0.5, 0.5)
+    again.learn(b"b" * 16, "LEFT", -0.5, 0.0, None)
+    again.learn(b"a" * 16, "UP", 2.0, 0.0, None)
+    assert table.sha256() == again.sha256()
