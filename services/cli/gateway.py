@@ -1,5 +1,7 @@
 """`sfid gateway`, `sfid invite`: teaching from a browser."""
 
+import io
+import sys
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -145,15 +147,25 @@ def _link(
 
 
 def _print_link(made: dict[str, Any], *, qr: bool) -> None:
-    import segno
-
     if qr:
-        segno.make(made["url"], error="l", micro=False).terminal(compact=True, border=2)
+        print(_qr_code(made["url"]))
     until = time.strftime("%Y-%m-%d %H:%M", time.localtime(made["expires_s"]))
     whom = f"{made['name']} alone" if made["name"] else f"up to {made['people']} people"
     print(made["url"])
     print(f"for {whom}, to teach {made['session']} until {until}; id {made['id']}")
     print(f"withdraw it: `sfid invite --revoke {made['id']}`")
+
+
+def _qr_code(text: str) -> str:
+    """Return a QR code in half blocks; light on dark in so many words, whatever the terminal's colours."""
+    import segno
+
+    drawn = io.StringIO()
+    segno.make(text, error="l", micro=False).terminal(drawn, compact=True, border=2)
+    lines = drawn.getvalue().splitlines()
+    return (
+        "\n".join(f"\033[97;40m{line}\033[0m" for line in lines) if sys.stdout.isatty() else "\n".join(lines)
+    )
 
 
 def _revoke(data: Path, token_id: str, *, as_json: bool) -> None:

@@ -119,7 +119,8 @@ class Tab:
 
     def centre(self, selector: str) -> tuple[float, float]:
         box = self.run(
-            f"(() => {{ const b = document.querySelector({json.dumps(selector)}).getBoundingClientRect();"
+            f"(() => {{ const element = document.querySelector({json.dumps(selector)});"
+            " element.scrollIntoView({ block: 'nearest' }); const b = element.getBoundingClientRect();"
             " return [b.x + b.width / 2, b.y + b.height / 2]; })()"
         )
         return float(box[0]), float(box[1])

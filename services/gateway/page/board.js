@@ -246,14 +246,15 @@ export class Board {
     if (way) this.agent.querySelector(".face").setAttribute("transform", `translate(${way[0]} ${way[1]})`);
   }
 
-  /** Draw an arrow from the agent: what was answered ("said"), or what the agent did ("did"). */
+  /** Draw an arrow at the agent: what was answered ("said"), what it does ("does"), did ("did") or failed to do ("bumped"). */
   point(action, kind) {
     this.marks?.replaceChildren();
     if (!action || !(action in ARROWS) || !this.world || this.world.agent === null) return;
     const { width, agent } = this.world;
     const [down, right] = STEPS[action];
-    const x = ((agent % width) + 0.5 + right * 0.82) * CELL;
-    const y = (Math.floor(agent / width) + 0.5 + down * 0.82) * CELL;
+    const ahead = kind === "did" ? -0.86 : 0.82; // where it came from, or where it would go
+    const x = ((agent % width) + 0.5 + right * ahead) * CELL;
+    const y = (Math.floor(agent / width) + 0.5 + down * ahead) * CELL;
     const arrow = make("g", { class: `arrow ${kind}`, transform: `translate(${x} ${y}) rotate(${ARROWS[action]})` }, this.marks);
     make("path", { d: "M-13 -5.5H1V-12.5L15 0 1 12.5V5.5H-13Z", "stroke-linejoin": "round", "stroke-width": 3.2 }, arrow);
   }

@@ -144,6 +144,7 @@ export class Teach {
 
   show(decision) {
     const before = this.decision;
+    if (before?.decision !== decision.decision) this.before = before;
     this.decision = decision;
     this.deadline = decision.remaining_ms === null ? null : performance.now() + decision.remaining_ms;
     this.awayText = "";
@@ -157,7 +158,7 @@ export class Teach {
       const words = inWords(world);
       this.words.textContent = words;
       this.svg.setAttribute("aria-label", words);
-      if (this.isOpen()) say("decision", `${asks} ${decision.asked === "reward" && decision.action ? `The agent went ${decision.action.toLowerCase()}.` : ""} ${words}`);
+      if (this.isOpen()) say("decision", `${asks} ${words}`);
       else if (decision.phase === "finished") say("decision", asks);
     }
     if (isNew && this.latest && !["sending", "waiting", "retrying"].includes(this.latest.state)) this.fadeFate();
@@ -194,7 +195,7 @@ export class Teach {
     if (decision.phase === "finished") return "The lesson is over. Thank you!";
     if (decision.paused) return "Paused";
     if (decision.phase === "gathering") return "Waiting for more teachers";
-    if (decision.asked === "reward") return "Was that a good move?";
+    if (decision.asked === "reward") return `It ${this.bumped() ? "could not go" : "went"} ${(decision.action ?? "").toLowerCase()}. A good move?`;
     if (decision.asked === "nothing") return "The agent learns by itself";
     return "Which way would you go?";
   }
@@ -203,8 +204,14 @@ export class Teach {
     const { decision } = this;
     const last = this.outbox.last();
     const mine = last && last.session === decision.session && last.decision === decision.decision ? last.label.toUpperCase() : null;
-    if (decision.asked === "reward" && decision.action) this.board.point(decision.action, "did");
+    if (decision.asked === "reward" && decision.action) this.board.point(decision.action, this.bumped() ? "bumped" : "did");
     else this.board.point(mine, "said");
+  }
+
+  /** Whether the agent stands where it stood before the move that is judged. */
+  bumped() {
+    const { decision, before } = this;
+    return before?.decision === decision.decision - 1 && before.session === decision.session && before.episode === decision.episode && before.view === decision.view;
   }
 
   where() {
@@ -214,7 +221,7 @@ export class Teach {
   }
 
   did(step) {
-    if (this.decision && step.decision === this.decision.decision) this.board.point(step.action, "did");
+    if (this.decision && step.decision === this.decision.decision) this.board.point(step.action, "does");
   }
 
   count(episodes) {
