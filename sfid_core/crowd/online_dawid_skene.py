@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sfid_core.crowd.confusion import Confusion
 from sfid_core.crowd.em import Floats, Ints, Layout, Prior, Votes, maximise, vote_shares
 from sfid_core.crowd.evidence import Vote, influence_limit, softmax
 from sfid_core.crowd.settings import CrowdSettings
@@ -37,16 +38,6 @@ class Closed(NamedTuple):
     """The posterior where it is settled: gold, or what the solver excused."""
 
 
-class Matrix:
-    """One worker's expected counts: `counts[label][action]`."""
-
-    __slots__ = ("counts", "labels")
-
-    def __init__(self, actions: int) -> None:
-        self.counts = [[0.0] * actions for _ in range(actions)]
-        self.labels = 0
-
-
 class DawidSkeneOnline:
     """The posterior of an action is the product of what each worker's matrix says of the label given."""
 
@@ -55,30 +46,31 @@ class DawidSkeneOnline:
         self._settings = settings
         self._prior = Prior(settings.diagonal_prior, settings.prior_right, settings.prior_wrong)
         self._newcomer = max(log(settings.prior_right / settings.prior_wrong * (actions - 1)), 0.0)
-        self._names: dict[str, int] = {}
-        self._matrices: list[Matrix] = []
+        self._workers: dict[str, Confusion] = {}
+        self._places: dict[str, int] = {}
+        self._stranger = Confusion(actions)
         self._class_sums = [1.0] * actions
         self._history: deque[Closed] = deque()
         self._labels = 0
         self._unrefreshed = 0
+        self._looked: tuple[list[Vote], tuple[list[float], list[float]]] | None = None
+        """The last look: what is concluded is mostly learnt from next, and nothing has changed in between."""
 
     def workers(self) -> tuple[str, ...]:
         """Return everyone with a label that was learnt from, sorted by name."""
-        return tuple(sorted(self._names))
+        return tuple(sorted(self._workers))
 
     def look(self, votes: Sequence[Vote]) -> tuple[list[float], list[float]]:
         """Return the posterior over the actions, and how far each label speaks for the action it names.
 
         A label's weight is its log-likelihood under the action named less the mean of the others.
         """
-        evidence = [self._evidence(worker, action) for worker, action in votes]
+        if self._looked is not None and self._looked[0] == votes:
+            return self._looked[1]
+        workers, prior = self._workers, self._prior
+        evidence = [workers.get(worker, self._stranger).evidence(action, prior) for worker, action in votes]
         if self._settings.influence_cap < 1:
-            spans = [max(row) - min(row) for row in evidence]
-            limit = influence_limit(spans, self._newcomer, self._settings.influence_cap)
-            evidence = [
-                [value * limit / span for value in row] if span > limit else row
-                for row, span in zip(evidence, spans, strict=True)
-            ]
+            evidence = self._capped(evidence)
         scores = [log(value) for value in self._class_sums]
         for row in evidence:
             scores = [score + value for score, value in zip(scores, row, strict=True)]
@@ -87,7 +79,8 @@ class DawidSkeneOnline:
             row[action] - (sum(row) - row[action]) / others
             for (_, action), row in zip(votes, evidence, strict=True)
         ]
-        return softmax(scores), weights
+        self._looked = (list(votes), (softmax(scores), weights))
+        return self._looked[1]
 
     def learn(self, votes: Sequence[Vote], acceptable: frozenset[int], gold: int | None) -> None:
         """Add the decision to the history and to the matrices.
@@ -110,52 +103,32 @@ class DawidSkeneOnline:
 
     def reliability(self, worker: str) -> Reliability:
         """Return the worker's accuracy over the classes as often as they occur, with its standard error."""
-        index = self._names.get(worker)
-        labels = 0 if index is None else self._matrices[index].labels
-        return rated(self._accuracy(index), labels, 1 / self._actions, self._settings)
+        matrix = self._workers.get(worker, self._stranger)
+        return rated(matrix.accuracy(self._prior), matrix.labels, 1 / self._actions, self._settings)
+
+    def _capped(self, evidence: list[list[float]]) -> list[list[float]]:
+        """Return the evidence with what spans more than the influence cap allows scaled down to it."""
+        spans = [max(row) - min(row) for row in evidence]
+        limit = influence_limit(spans, self._newcomer, self._settings.influence_cap)
+        return [
+            [value * limit / span for value in row] if span > limit else row
+            for row, span in zip(evidence, spans, strict=True)
+        ]
 
     def _certain(self, action: int) -> list[float]:
         return [float(a == action) for a in range(self._actions)]
 
-    def _evidence(self, worker: str, label: int) -> list[float]:
-        """Return ln P(label | action) for each action, from the worker's counts and accuracy."""
-        index = self._names.get(worker)
-        accuracy, weigh = self._accuracy(index), self._settings.diagonal_prior
-        off = (1 - accuracy) * weigh / (self._actions - 1)
-        before = [off] * self._actions
-        before[label] = accuracy * weigh
-        if index is None:
-            return [log(value / weigh) for value in before]
-        counts = self._matrices[index].counts
-        totals = map(sum, zip(*counts, strict=True))
-        return [
-            log((count + prior) / (total + weigh))
-            for count, prior, total in zip(counts[label], before, totals, strict=True)
-        ]
-
-    def _accuracy(self, index: int | None) -> float:
-        settings = self._settings
-        right, total = settings.prior_right, settings.prior_right + settings.prior_wrong
-        if index is not None:
-            counts = self._matrices[index].counts
-            right += sum(counts[a][a] for a in range(self._actions))
-            total += sum(map(sum, counts))
-        return right / total
-
     def _close(self, votes: Sequence[Vote], posterior: list[float], weight: float, *, fixed: bool) -> None:
         keep = self._settings.forgetting
+        self._looked = None
         rows = []
         for worker, label in votes:
-            index = self._names.setdefault(worker, len(self._names))
-            if index == len(self._matrices):
-                self._matrices.append(Matrix(self._actions))
-            matrix = self._matrices[index]
-            matrix.labels += 1
-            if keep < 1:
-                matrix.counts = [[count * keep for count in row] for row in matrix.counts]
-            row = matrix.counts[label]
-            matrix.counts[label] = [a + weight * b for a, b in zip(row, posterior, strict=True)]
-            rows.append((index, label))
+            matrix = self._workers.get(worker)
+            if matrix is None:
+                matrix = self._workers[worker] = Confusion(self._actions)
+                self._places[worker] = len(self._places)
+            matrix.add(label, posterior, weight, keep)
+            rows.append((self._places[worker], label))
         self._class_sums = [a + b for a, b in zip(self._class_sums, posterior, strict=True)]
         self._history.append(Closed(rows, weight, posterior if fixed else None))
         self._labels += len(rows)
@@ -170,7 +143,7 @@ class DawidSkeneOnline:
         flat = np.array([vote for closed in history for vote in closed.votes], dtype=np.intp)
         votes = Votes(
             np.repeat(np.arange(len(history)), sizes), flat[:, 0], flat[:, 1],
-            len(history), len(self._names), self._actions,
+            len(history), len(self._places), self._actions,
         )  # fmt: skip
         start = vote_shares(votes)
         fixed = np.array([closed.known is not None for closed in history])
@@ -180,8 +153,8 @@ class DawidSkeneOnline:
         estimate = maximise(
             Layout(votes, weights), start, self._prior, fixed=fixed, iterations=REFRESH_ITERATIONS
         )
-        for matrix, counts in zip(self._matrices, estimate.counts.tolist(), strict=True):
-            matrix.counts = counts
+        for matrix, counts in zip(self._workers.values(), estimate.counts.tolist(), strict=True):
+            matrix.load(counts)
         self._class_sums = [1.0 + value for value in estimate.posterior.sum(axis=0).tolist()]
         self._unrefreshed = 0
 

@@ -73,6 +73,22 @@ def test_the_order_of_rows_changes_the_result_by_rounding_alone() -> None:
             np.testing.assert_allclose(first, second, atol=1e-9)
 
 
+@pytest.mark.parametrize("slots_max", [0, 256])
+def test_slots_and_runs_of_labels_come_to_the_same_scores(
+    slots_max: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Tasks of no, one, few and many labels."""
+    chance = np.random.default_rng(3)
+    tasks = np.repeat(np.array([5, 1, 2, 4]), [1, 7, 3, 40])
+    workers, labels = chance.integers(3, size=51), chance.integers(2, size=51)
+    table = chance.standard_normal((3, 2, 2))
+    expected = np.zeros((7, 2))
+    for task, worker, label in zip(tasks, workers, labels, strict=True):
+        expected[task] += table[worker, label]
+    monkeypatch.setattr("sfid_core.crowd.em.SLOTS_MAX", slots_max)
+    np.testing.assert_allclose(Layout(Votes(tasks, workers, labels, 7, 3, 2)).scores(table), expected)
+
+
 def test_known_posteriors_stay_and_teach() -> None:
     """One worker says 1 where the anchored truth is 0: the labels of that worker come to mean 0."""
     votes = Votes(np.arange(6), np.zeros(6, dtype=np.intp), np.ones(6, dtype=np.intp), 6, 1, 2)
