@@ -4,9 +4,9 @@
 
 Everyone gets the same integer columns task, worker, label in memory and is timed from there to one label a
 task: in our case with finding out which tasks, workers and labels there are, in theirs with a data frame
-made before. Both run on one thread, and what is compared is CPU time: on an idle machine the time on the clock, on a busy
-one not what others take. One round runs both, one after the other; a ratio is the median over rounds of theirs
-divided by ours in the same round.
+made before. Both run on one thread, and what is compared is CPU time: on an idle machine the time on the
+clock, on a busy one not what others take. One round runs both, one after the other; a ratio is the median
+over rounds of theirs divided by ours in the same round.
 
 --peers installs crowd-kit into a temporary environment, from the package index pip is set up for;
 --peer-python names an interpreter that has it. Without either, or where it does not run, the report says so
