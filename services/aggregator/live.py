@@ -31,6 +31,8 @@ class LiveCrowd:
     asked: AskedRow | None = None
     """What was put to the crowd last: what a conclusion is an answer to."""
     sequence: int = 0
+    announcing: bool = False
+    """Who is there has changed, and an announcement of it waits."""
     episodes: deque[Episode] = field(default_factory=lambda: deque(maxlen=EPISODES_KEPT))
     waiting: dict[str, tuple[Join, Request]] = field(default_factory=dict)
     """Joins that wait for the learner's welcome, the latest of each worker."""

@@ -55,6 +55,8 @@ log = logging.getLogger("sfid.aggregator")
 
 UPSTREAM_TICK_MS = 100
 """How often a client that nothing comes to is asked whether it has something to repeat."""
+ANNOUNCE_MS = 200
+"""How long a change of who is there may wait to be told: 200 who join at once are one announcement."""
 RELAY_TIMEOUT_MS = 5_000
 _AGGREGATED = {"label": AnswerKind.LABEL, "reward": AnswerKind.REWARD}
 _CHANCE = secrets.SystemRandom()
@@ -228,7 +230,7 @@ class Aggregator:
         if open_round is not None and (
             kind is None or open_round.asked[:2] != (decision.decision, decision.state)
         ):
-            self.close(live, Cause.OVERTAKEN)
+            self.close(live, Cause.OVERTAKEN, tell=False)
         if decision.phase == "finished" and not live.finished:
             self._finish(live)
         if kind is not None and not live.was_handed(decision) and decision.actions == live.actions:
@@ -288,7 +290,7 @@ class Aggregator:
         effects = advance(live.crowd, at_ns, event)
         if joined:
             live.known.add(event.worker)
-        self.perform(live, effects)
+        self.perform(live, effects, hurry=False)
         self._stay_or_leave(live)
 
     def _stay_or_leave(self, live: LiveCrowd) -> None:
@@ -298,8 +300,11 @@ class Aggregator:
         if not empty:
             live.upstream.enter(live.handed)
 
-    def perform(self, live: LiveCrowd, effects: tuple[Effect, ...]) -> None:
-        """Carry out what follows, acknowledgements apart; publish the decision once, as it then stands."""
+    def perform(self, live: LiveCrowd, effects: tuple[Effect, ...], *, hurry: bool = True) -> None:
+        """Carry out what follows, acknowledgements apart; publish the decision once, as it then stands.
+
+        Args: hurry: whether everybody must know at once; that somebody came or went can wait for the next.
+        """
         announce = False
         for effect in effects:
             match effect:
@@ -308,18 +313,29 @@ class Aggregator:
                     announce = False
                 case Announce():
                     announce = True
-        if announce:
+        if announce and hurry:
             self.publish_decision(live)
+        elif announce and not live.announcing:
+            live.announcing = True
+            self.loop.call_later(ANNOUNCE_MS, self._announce, live)
         self._set_timer(live)
 
-    def close(self, live: LiveCrowd, cause: Cause) -> None:
-        """Close the open round, journal what it came to, and hand that on once it is durable."""
+    def _announce(self, live: LiveCrowd) -> None:
+        if live.announcing:
+            self.publish_decision(live)
+
+    def close(self, live: LiveCrowd, cause: Cause, *, tell: bool = True) -> None:
+        """Close the open round, journal what it came to, and hand that on once it is durable.
+
+        Args: tell: whether the crowd is told now; else the caller publishes what comes next.
+        """
         crowd, at_ns = live.crowd, self.loop.at_ns()
         assert crowd is not None  # noqa: S101 - told to the type checker: there is an open round
         for effect in advance(crowd, at_ns, Closed(cause)):
             if isinstance(effect, Concluded):
                 self._concluded(live, effect, at_ns)
-        self.publish_decision(live)
+        if tell:
+            self.publish_decision(live)
 
     def _concluded(self, live: LiveCrowd, concluded: Concluded, at_ns: int) -> None:
         asked, message = live.asked, None
@@ -358,6 +374,7 @@ class Aggregator:
         """Publish the decision as the crowd is to see it."""
         if live.decision is not None and live.crowd is not None:
             live.sequence += 1
+            live.announcing = False
             self.bus.publish(self.keys.decision(live.name), encode(self.shown(live, live.decision)))
 
     def shown(self, live: LiveCrowd, decision: Decision) -> Decision:

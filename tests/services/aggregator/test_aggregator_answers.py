@@ -40,6 +40,28 @@ def test_members_see_the_session_under_their_own_deployment(crowd_room: CrowdRoo
     assert (welcome.rights, welcome.decision) == (("answer",), seen)
 
 
+def test_many_who_join_at_once_are_announced_once(crowd_room: CrowdRoom) -> None:
+    crowd_room.create()
+    crowd_room.members("ann")
+    before = len(crowd_room.seen)
+    crowd_room.members(*(f"w{number}" for number in range(50)))
+    assert len(crowd_room.seen) == before
+    crowd_room.pass_time(200)
+    assert [decision.teachers_present for decision in crowd_room.seen[before:]] == [51]
+
+
+def test_a_decision_that_overtakes_the_crowd_is_announced_once(crowd_room: CrowdRoom) -> None:
+    crowd_room.create(session(window=msgspec.structs.replace(EARLY, quorum=1)))
+    ann, _bob = crowd_room.members("ann", "bob")
+    tom = Pupil(crowd_room, "tom")
+    tom.join()
+    ann.label("UP")
+    before = len(crowd_room.seen)
+    tom.label(crowd_room.decision, "LEFT")
+    seen = [(one.decision, one.phase) for one in crowd_room.seen[before:] if one.decision == 1]
+    assert seen == [(1, "asking")]
+
+
 def test_an_answer_is_acknowledged_only_when_it_is_in_the_crowds_own_journal(crowd_room: CrowdRoom) -> None:
     crowd_room.create()
     ann, _ = crowd_room.members("ann", "bob")
