@@ -1,7 +1,7 @@
 """What browser and gateway say to each other: JSON text frames, parsed once, within limits.
 
-From the browser: hello, answer, submit, ping. To the browser: you, screen, link, decision, step, episodes,
-answer, refused, pong. `page/wire.js` is the other end; both are of one version and served together.
+From the browser: hello, answer, submit, ping. To the browser: you, screen, link, decision, episodes, answer,
+refused, pong. `page/wire.js` is the other end; both are of one version and served together.
 """
 
 from collections.abc import Mapping
@@ -20,7 +20,6 @@ from protocol.messages import (
     Milliseconds,
     Name,
     Reward,
-    Step,
 )
 from services.screens import Screen, Value
 
@@ -137,11 +136,6 @@ def decision_frame(decision: Decision, elapsed_ms: int) -> str:
         episodes=decision.episodes,
         optimal_steps=decision.optimal_steps,
     )
-
-
-def step_frame(step: Step) -> str:
-    """Return what the agent did; what others said stays with them."""
-    return written("step", epoch=step.epoch, decision=step.decision, action=step.action, outcome=step.outcome)
 
 
 def episodes_frame(episodes: list[Episode]) -> str:

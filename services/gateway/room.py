@@ -19,7 +19,6 @@ from services.gateway.frames import (
     EPISODES_SHOWN,
     decision_frame,
     episodes_frame,
-    step_frame,
     written,
 )
 from services.outbox import Outbox
@@ -163,6 +162,7 @@ class Room:
         self._post, self._settled = post, settled
         self._newest = (-1, -1)
         self._decision: tuple[Decision, int] | None = None
+        self._untold = False
         self._episodes: list[Episode] = []
         self._epoch = -1
         self._heard_ns = clock.now_ns()
@@ -201,7 +201,11 @@ class Room:
             return
         self._newest = position
         self._decision = (decision, self.clock.now_ns())
-        self.tell(decision_frame(decision, 0))
+        # What asks, and the end, is told at once. What lies between is over in some ms as a rule: `tick`
+        # tells it if it lasts, so that a crowd is not told of each moment, nor of each who joins.
+        self._untold = decision.phase not in {"asking", "finished"}
+        if not self._untold:
+            self.tell(decision_frame(decision, 0))
         if decision.epoch > self._epoch:
             # A learner's new life does not know who was there.
             known, self._epoch = self._epoch >= 0, decision.epoch
@@ -216,9 +220,7 @@ class Room:
         except DecodeError:
             self.unreadable += 1
             return
-        if isinstance(message, Step):
-            self.tell(step_frame(message))
-        else:
+        if isinstance(message, Episode):
             self._keep_episodes([*self._episodes, message])
 
     def read_welcome(self, reply: Reply | None) -> Welcome | Refusal | None:
@@ -280,6 +282,9 @@ class Room:
 
     def tick(self, now_ns: int) -> None:
         """Repeat what is due, and look after a session that has gone quiet."""
+        if self._untold and self._decision is not None:
+            self._untold = False
+            self.tell(decision_frame(self._decision[0], 0))
         for seat in list(self.seats.values()):
             seat.tick(now_ns)
         finished = self._decision is not None and self._decision[0].phase == "finished"

@@ -14,6 +14,7 @@ import asyncio
 import contextlib
 import gc
 import json
+import os
 import random
 import sys
 import time
@@ -151,6 +152,7 @@ def one_run(people: int, answers: int, sessions: int) -> dict[str, object]:
         "journaled": journaled,
         "lost": course.sent - min(course.settled, journaled),
         "codes": course.codes,
+        "load_average": os.getloadavg()[0],
     }
 
 

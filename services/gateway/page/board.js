@@ -246,7 +246,7 @@ export class Board {
     if (way) this.agent.querySelector(".face").setAttribute("transform", `translate(${way[0]} ${way[1]})`);
   }
 
-  /** Draw an arrow at the agent: what was answered ("said"), what it does ("does"), did ("did") or failed to do ("bumped"). */
+  /** Draw an arrow at the agent: what was answered ("said"), what it did ("did") or failed to do ("bumped"). */
   point(action, kind) {
     this.marks?.replaceChildren();
     if (!action || !(action in ARROWS) || !this.world || this.world.agent === null) return;

@@ -136,7 +136,6 @@ export class Teach {
 
   take(frame) {
     if (frame.type === "decision") this.show(frame);
-    else if (frame.type === "step") this.did(frame);
     else if (frame.type === "episodes") this.count(frame.episodes);
     else if (frame.type === "answer") this.settle(frame);
     else if (frame.type === "link") this.away(frame);
@@ -218,10 +217,6 @@ export class Teach {
     const { decision } = this;
     const where = document.getElementById("where");
     where.textContent = decision.phase === "finished" ? "" : `Round ${decision.episode + 1} of ${decision.episodes} · step ${decision.step + 1}`;
-  }
-
-  did(step) {
-    if (this.decision && step.decision === this.decision.decision) this.board.point(step.action, "does");
   }
 
   count(episodes) {
