@@ -109,7 +109,8 @@ class OnlineAggregate:
                 f"gold {gold} stands beside acceptable {sorted(excused)}: a gold state has one optimal action"
             )
             raise ParameterError(message)
-        if len(votes) > 1 or gold is not None or any(action in excused for _, action in votes):
+        told = gold is not None or any(action in excused for _, action in votes)
+        if len(votes) > 1 or (votes and told):
             self._method.learn(votes, excused, gold)
 
     def reliability(self, worker: str) -> Reliability:

@@ -85,19 +85,19 @@ class DawidSkeneOnline:
     def learn(self, votes: Sequence[Vote], acceptable: frozenset[int], gold: int | None) -> None:
         """Add the decision to the history and to the matrices.
 
-        Labels that the solver accepts count as right: as the most probable of the acceptable actions.
+        A label that the solver accepts is right, as if the decision had been about the action it names.
         """
         posterior = self.look(votes)[0]
         if gold is not None:
             self._close(votes, self._certain(gold), self._settings.gold_weight, fixed=True)
         else:
-            excused = [vote for vote in votes if vote[1] in acceptable]
+            for named in sorted(acceptable):
+                excused = [vote for vote in votes if vote[1] == named]
+                if excused:
+                    self._close(excused, self._certain(named), 1.0, fixed=True)
             judged = [vote for vote in votes if vote[1] not in acceptable]
-            if excused:
-                best = max(sorted(acceptable), key=posterior.__getitem__)
-                self._close([(w, best) for w, _ in excused], self._certain(best), 1.0, fixed=True)
             if judged:
-                self._close(judged, posterior, 1.0, fixed=bool(excused))
+                self._close(judged, posterior, 1.0, fixed=len(judged) < len(votes))
         if self._unrefreshed >= max(FIRST_REFRESH, GROWTH * (self._labels - self._unrefreshed)):
             self._refresh()
 

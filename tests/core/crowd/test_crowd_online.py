@@ -150,6 +150,9 @@ def test_gold_judges_against_the_crowd_and_with_the_weight_of_several(method: Cr
     aggregate.learn({"ann": 2, "bob": 1, "cid": 1}, gold=2)
     assert aggregate.reliability("ann")[:3:2] == ((4 + 5) / (6 + 5), 1)
     assert aggregate.reliability("bob").mean == pytest.approx(4 / (6 + 5))
+    before = aggregate.conclude({"ann": 0, "bob": 1})
+    aggregate.learn({"ann": None}, gold=3)
+    assert aggregate.conclude({"ann": 0, "bob": 1}) == before
 
 
 def test_a_gold_state_has_one_optimal_action() -> None:
