@@ -1,9 +1,25 @@
 """Ways to pick an action that several methods share."""
 
+from typing import Any
+
 from sfid_core.chance import below, unit
 from sfid_core.compiled import kernel
 from sfid_core.learning.elementary import exp
-from sfid_core.learning.kernels import Draws, Memory
+from sfid_core.learning.kernels import Draws, Memory, choose_first_block
+
+
+@kernel
+def explored(m: Memory, explore: float, draws: Draws, decision: int, chosen: int) -> int:
+    """Return the chosen action, with probability `explore` any action."""
+    if explore > 0.0 and unit(draws.explore, decision) < explore:
+        return below(draws.ties, decision, m.actions)
+    return chosen
+
+
+@kernel
+def choose_explored(m: Memory, p: Any, draws: Draws, state: int, decision: int) -> int:  # noqa: ANN401 - any method's
+    """Return an action with the largest value, ties at random; with probability `p.explore` any action."""
+    return explored(m, p.explore, draws, decision, choose_first_block(m, p, draws, state, decision))
 
 
 @kernel

@@ -18,13 +18,13 @@ TRACES = 0
 class CoachParameters(NamedTuple):
     """Parameters of COACH with a tabular softmax policy."""
 
-    alpha: Annotated[float, Range(0, 100, above=True)] = 1.0
-    """Step size; the tabular codes have 0.05 with many more steps, 1 is ours."""
+    alpha: Annotated[float, Range(0, 100, above=True)] = 0.5
+    """Step size; the tabular codes have 0.05 with many more steps, 0.5 is ours."""
     gamma: Annotated[float, GAMMA] = 0.9
     """Discount factor of the measures; COACH itself learns no values."""
-    trace: Annotated[float, Range(0, 1, below=True)] = 0.0
-    """lambda: how much of the eligibility trace is left after a step. 0.95 on the robot (33 ms a step), 0.1
-    in a tabular grid; 0 (ours) where every step is judged by itself."""
+    trace: Annotated[float, Range(0, 1, below=True, source="Deep COACH")] = 0.35
+    """lambda: how much of the trace is left after a step; 0.95 on the robot (33 ms a step), 0.1 in
+    a tabular grid."""
     delay_steps: Annotated[float, Range(0, 1000, unit="steps")] = 0
     """d: feedback is for the step so many steps ago; 6 on the robot, 0 turn by turn."""
 

@@ -1,6 +1,7 @@
 """`guide`: the label as a command. The control condition of "label as reward"."""
 
 from sfid_core.compiled import kernel
+from sfid_core.learning.choices import choose_explored
 from sfid_core.learning.kernels import Draws, Evidence, Learned, Memory, Transition, one_step
 from sfid_core.learning.method import Method
 from sfid_core.learning.q_learning import QLearningParameters
@@ -33,6 +34,7 @@ GUIDE = Method(
     source="the control condition of Shaping from Interactive Demonstrations (ours)",
     parameters=QLearningParameters,
     learn=learn,
+    choose=choose_explored,
     settle=settle,
     asks_before=AnswerKind.LABEL,
 )

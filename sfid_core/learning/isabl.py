@@ -9,12 +9,12 @@ is independent of lambda, so one number, the worth of silence, carries an iterat
 from typing import Annotated, NamedTuple
 
 from sfid_core.compiled import kernel
-from sfid_core.learning.choices import softmax_at
+from sfid_core.learning.choices import choose_explored, softmax_at
 from sfid_core.learning.elementary import exp, log
-from sfid_core.learning.kernels import Draws, Evidence, Learned, Memory, Transition, choose_first_block
+from sfid_core.learning.kernels import Evidence, Learned, Memory, Transition
 from sfid_core.learning.method import Method
 from sfid_core.learning.parameters import GAMMA, RATE
-from sfid_core.learning.sabl import ERROR, explored
+from sfid_core.learning.sabl import ERROR
 from sfid_core.teaching.answers import AnswerKind
 
 GRID = 5
@@ -56,12 +56,6 @@ def begin(m: Memory, p: ISablParameters, episode: int) -> None:
             wrong = p.error * praise_silence + (1.0 - p.error) * blame_silence
             m.scalars[RIGHT + i * GRID + j] = log(right)
             m.scalars[WRONG + i * GRID + j] = log(wrong)
-
-
-@kernel
-def choose(m: Memory, p: ISablParameters, draws: Draws, state: int, decision: int) -> int:
-    """Return the most likely action, ties at random; with probability `explore` any action."""
-    return explored(m, p.explore, draws, decision, choose_first_block(m, p, draws, state, decision))
 
 
 @kernel
@@ -165,7 +159,7 @@ ISABL = Method(
     source="Loftin et al. 2014, 2016, after the authors' code",
     parameters=ISablParameters,
     learn=learn,
-    choose=choose,
+    choose=choose_explored,
     begin=begin,
     asks_after=AnswerKind.REWARD,
     blocks=3,

@@ -3,9 +3,10 @@
 from typing import Annotated, NamedTuple
 
 from sfid_core.compiled import kernel
+from sfid_core.learning.choices import choose_explored
 from sfid_core.learning.kernels import Evidence, Learned, Memory, Transition, best
 from sfid_core.learning.method import Method
-from sfid_core.learning.parameters import ALPHA, GAMMA, Choice, Range
+from sfid_core.learning.parameters import ALPHA, GAMMA, RATE, Choice, Range
 
 VALUE = 0
 
@@ -23,6 +24,8 @@ class PotentialParameters(NamedTuple):
     """Factor on the potential."""
     goal_reward: Annotated[float, Range(0, 1e6, unit="reward")] = 10.0
     """What the world pays for solving, for the form `value`."""
+    explore: Annotated[float, RATE] = 0.0
+    """epsilon: probability of a random action; 0.1 in Ng's grids (from memory, unverified)."""
 
 
 @kernel
@@ -67,4 +70,5 @@ POTENTIAL = Method(
     source="Ng, Harada & Russell 1999; the potential in units of the optimal value is ours",
     parameters=PotentialParameters,
     learn=learn,
+    choose=choose_explored,
 )

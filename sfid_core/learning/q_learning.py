@@ -3,9 +3,10 @@
 from typing import Annotated, NamedTuple
 
 from sfid_core.compiled import kernel
+from sfid_core.learning.choices import choose_explored
 from sfid_core.learning.kernels import Evidence, Learned, Memory, Transition, one_step
 from sfid_core.learning.method import Method
-from sfid_core.learning.parameters import ALPHA, GAMMA
+from sfid_core.learning.parameters import ALPHA, GAMMA, RATE
 
 
 class QLearningParameters(NamedTuple):
@@ -15,6 +16,8 @@ class QLearningParameters(NamedTuple):
     """Step size."""
     gamma: Annotated[float, GAMMA] = 0.9
     """Discount factor."""
+    explore: Annotated[float, RATE] = 0.0
+    """epsilon: probability of a random action; the founding paper has none."""
 
 
 @kernel
@@ -29,4 +32,5 @@ Q_LEARNING = Method(
     source="Watkins & Dayan 1992; Raza, Johnston & Williams 2016, Eq. 1 and 2",
     parameters=QLearningParameters,
     learn=learn,
+    choose=choose_explored,
 )

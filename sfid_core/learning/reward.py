@@ -1,6 +1,7 @@
 """`reward`: interactive reward shaping, Algorithm 1 of Raza, Johnston & Williams 2016."""
 
 from sfid_core.compiled import kernel
+from sfid_core.learning.choices import choose_explored
 from sfid_core.learning.kernels import Evidence, Learned, Memory, Transition, one_step
 from sfid_core.learning.method import Method
 from sfid_core.learning.q_learning import QLearningParameters
@@ -19,5 +20,6 @@ REWARD = Method(
     source="Raza, Johnston & Williams 2016, Algorithm 1",
     parameters=QLearningParameters,
     learn=learn,
+    choose=choose_explored,
     asks_after=AnswerKind.REWARD,
 )

@@ -2,11 +2,10 @@
 
 from typing import Annotated, NamedTuple
 
-from sfid_core.chance import below, unit
 from sfid_core.compiled import kernel
-from sfid_core.learning.choices import softmax_at
+from sfid_core.learning.choices import choose_explored, softmax_at
 from sfid_core.learning.elementary import log
-from sfid_core.learning.kernels import Draws, Evidence, Learned, Memory, Transition, choose_first_block
+from sfid_core.learning.kernels import Evidence, Learned, Memory, Transition
 from sfid_core.learning.method import Method
 from sfid_core.learning.parameters import GAMMA, RATE, Range
 from sfid_core.teaching.answers import AnswerKind
@@ -48,20 +47,6 @@ def begin(m: Memory, p: SablParameters, episode: int) -> None:  # noqa: ARG001 -
 
 
 @kernel
-def choose(m: Memory, p: SablParameters, draws: Draws, state: int, decision: int) -> int:
-    """Return the most likely action, ties at random; with probability `explore` any action."""
-    return explored(m, p.explore, draws, decision, choose_first_block(m, p, draws, state, decision))
-
-
-@kernel
-def explored(m: Memory, explore: float, draws: Draws, decision: int, chosen: int) -> int:
-    """Return the chosen action, with probability `explore` any action."""
-    if explore > 0.0 and unit(draws.explore, decision) < explore:
-        return below(draws.ties, decision, m.actions)
-    return chosen
-
-
-@kernel
 def learn(m: Memory, p: SablParameters, t: Transition, e: Evidence) -> Learned:  # noqa: ARG001 - weights are kept
     """Add ln p(f | right) - ln p(f | wrong) to the log-likelihood that the action is the right one.
 
@@ -86,7 +71,7 @@ SABL = Method(
     source="Loftin et al. 2014, 2016, after the authors' code",
     parameters=SablParameters,
     learn=learn,
-    choose=choose,
+    choose=choose_explored,
     begin=begin,
     asks_after=AnswerKind.REWARD,
     scalars=3,

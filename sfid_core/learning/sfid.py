@@ -3,9 +3,10 @@
 from typing import Annotated, NamedTuple
 
 from sfid_core.compiled import kernel
+from sfid_core.learning.choices import choose_explored
 from sfid_core.learning.kernels import Evidence, Learned, Memory, Transition, best, one_step
 from sfid_core.learning.method import Method
-from sfid_core.learning.parameters import ALPHA, GAMMA, Choice
+from sfid_core.learning.parameters import ALPHA, GAMMA, RATE, Choice
 from sfid_core.teaching.answers import AnswerKind
 
 SKIP = 1
@@ -23,6 +24,8 @@ class SfIDParameters(NamedTuple):
     """Agreement: see `omega`."""
     silence: Annotated[int, Choice(("zero", "skip"), source="Raza, Johnston & Williams 2016: zero")] = 0
     """A step without a label: h = 0, or no update. See `sfid-memory` for labels that are remembered."""
+    explore: Annotated[float, RATE] = 0.0
+    """epsilon: probability of a random action; the founding paper has none."""
 
 
 @kernel
@@ -58,5 +61,6 @@ SFID = Method(
     source="Raza, Johnston & Williams 2016, Algorithm 2",
     parameters=SfIDParameters,
     learn=learn,
+    choose=choose_explored,
     asks_before=AnswerKind.LABEL,
 )

@@ -3,6 +3,7 @@
 from typing import Annotated, NamedTuple
 
 from sfid_core.compiled import kernel
+from sfid_core.learning.choices import choose_explored
 from sfid_core.learning.kernels import Evidence, Learned, Memory, Transition, one_step
 from sfid_core.learning.method import Method
 from sfid_core.learning.parameters import ALPHA, GAMMA, RATE, Choice
@@ -25,6 +26,8 @@ class SfIDMemoryParameters(NamedTuple):
     """What is learnt and acted on: see `model_step` and `shaped_step`."""
     keep: Annotated[float, RATE] = 1.0
     """What is left of the memory of a state after each silent step in it; 1 never forgets."""
+    explore: Annotated[float, RATE] = 0.0
+    """epsilon: probability of a random action; the founding paper has none."""
 
 
 @kernel
@@ -84,6 +87,7 @@ SFID_MEMORY = Method(
     source="extends Raza, Johnston & Williams 2016, Algorithm 2 (ours)",
     parameters=SfIDMemoryParameters,
     learn=learn,
+    choose=choose_explored,
     asks_before=AnswerKind.LABEL,
     blocks=2,
 )

@@ -52,8 +52,9 @@ class TamerRLParameters(NamedTuple):
     """How H enters: see `learn` and `choose`."""
     weight: Annotated[float, Range(0, 1000)] = 1.0
     """B in the first episode. Knox's code has 10 for tasks with larger returns; 1 is ours."""
-    anneal: Annotated[float, Range(0, 1, source="Knox's code: 0.97 to 0.98")] = 0.98
-    """Factor on B after each episode."""
+    anneal: Annotated[float, Range(0, 1, source="Griffith's code")] = 0.99
+    """Factor on B after each episode. Knox's code has 0.97 to 0.98: with Q augmentation B then falls faster
+    than Q can follow, and wrong actions come to the top."""
     model_alpha: Annotated[float, Range(0, 1, above=True, source="Knox's loop maze")] = 0.2
     """Step size of H."""
     credit: Annotated[int, CREDIT] = 0

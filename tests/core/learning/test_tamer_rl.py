@@ -1,0 +1,71 @@
+"""TAMER+RL against updates computed by hand, by technique."""
+
+import pytest
+
+from sfid_core.learning.kernels import Learned
+from tests.core.learning.pupil import LEFT, S0, S1, UP, Pupil, rewards
+
+
+def taught(technique: str, weight: float = 2.0) -> tuple[Pupil, list[Learned]]:
+    """s0, UP, praise, to s1; s1, LEFT, r = 4, solved; s0, UP, blame, to s1. All step sizes and gamma 0.5.
+
+    H(s0, UP) = 0.5 * 1 = 0.5, then 0.5 + 0.5 * (-1 - 0.5) = -0.25.
+    """
+    pupil = Pupil(
+        "tamer-rl", alpha=0.5, gamma=0.5, model_alpha=0.5, technique=technique, weight=weight, anneal=0.5
+    )
+    learned = [
+        pupil.do(S0, UP, 0.0, rewards(1.0), S1),
+        pupil.do(S1, LEFT, 4.0),
+        pupil.do(S0, UP, 0.0, rewards(-1.0), S1),
+    ]
+    return pupil, learned
+
+
+@pytest.mark.parametrize("technique", ["action-biasing", "control-sharing"])
+def test_q_learns_from_the_environment_alone_where_the_teacher_only_steers(technique: str) -> None:
+    """Q(s1, LEFT) = 0.5 * 4 = 2; Q(s0, UP) = 0.5 * (0 + 0.5 * 2 - 0) = 0.5."""
+    _, learned = taught(technique)
+    assert learned == [Learned(0.0, 0.0, 1.0), Learned(4.0, 4.0, 0.0), Learned(1.0, 1.0, -1.0)]
+
+
+def test_action_biasing_adds_the_annealed_model_to_the_values() -> None:
+    """Q + 2 * H at s0: 0.5 + 2 * -0.25 = 0; one episode later 0.5 + 1 * -0.25 = 0.25; then 0.5 - 0.125."""
+    pupil, _ = taught("action-biasing")
+    assert pupil.rounded(S0) == [0, 0, 0, 0]
+    pupil.begin(1)
+    assert pupil.rounded(S0) == [0, 0, 0.25, 0]
+    pupil.begin(2)
+    assert pupil.rounded(S0) == [0, 0, 0.375, 0]
+    assert pupil.rounded(S1) == [2, 0, 0, 0]
+    assert {pupil.choose(S0, decision) for decision in range(50)} == {UP}
+
+
+def test_control_sharing_hands_the_wheel_to_the_model_with_the_probability_of_its_weight() -> None:
+    """argmax Q(s0, .) is UP, argmax H(s0, .) any other; the weight is 0.25: UP with 3/4, else 1/12 each."""
+    pupil, _ = taught("control-sharing", weight=0.25)
+    assert pupil.rounded(S0) == pytest.approx([1 / 12, 1 / 12, 3 / 4, 1 / 12], abs=1e-9)
+    chosen = [pupil.choose(S0, decision) for decision in range(4000)]
+    assert chosen.count(UP) == pytest.approx(3000, abs=150)
+    assert chosen.count(LEFT) == pytest.approx(333, abs=80)
+
+
+def test_reward_shaping_adds_the_weighed_model_to_the_reward() -> None:
+    """1. Eq. 4: 0 + 2 * 0.5 + 0.5 * 0 - 0 = 1.  Q(s0, UP) = 0.5
+    2. 4 + 2 * 0 - 0 = 4.  Q(s1, LEFT) = 2
+    3. Eq. 2: 0 + 0.5 * 2 - 0.5 = 0.5.  Eq. 4: 0.5 + 2 * -0.25 = 0.  Q(s0, UP) stays 0.5
+    """
+    pupil, learned = taught("reward-shaping")
+    assert learned == [Learned(0.0, 1.0, 1.0), Learned(4.0, 4.0, 0.0), Learned(0.5, 0.0, -1.0)]
+    assert (pupil.rounded(S0), pupil.rounded(S1)) == ([0, 0, 0.5, 0], [2, 0, 0, 0])
+
+
+def test_q_augmentation_bootstraps_from_the_sum_of_both() -> None:
+    """1. 0 + 0.5 * 0 - (0 + 2 * 0.5) = -1.  Q(s0, UP) = -0.5
+    2. 4 - 0 = 4.  Q(s1, LEFT) = 2
+    3. Eq. 2: 0 + 0.5 * 2 + 0.5 = 1.5.  Sum: 0.5 * 2 - (-0.5 + 2 * -0.25) = 2.  Q(s0, UP) = -0.5 + 1 = 0.5
+    Shown: Q + 2 * H.
+    """
+    pupil, learned = taught("q-augmentation")
+    assert learned == [Learned(0.0, -1.0, 1.0), Learned(4.0, 4.0, 0.0), Learned(1.5, 2.0, -1.0)]
+    assert (pupil.rounded(S0), pupil.rounded(S1)) == ([0, 0, 0, 0], [2, 0, 0, 0])
