@@ -28,15 +28,10 @@ from services.router import free_endpoint
 from services.runtime.bus import Received
 from services.runtime.zenoh_bus import ZenohBus, open_bus
 from services.supervisor import Supervisor
+from sfid_core.teaching.personas import PERSONAS
 
 VIEWER_PACE_MS = 30
 """Thinking time of the demo's teachers while somebody can watch: about 25 decisions a second."""
-TEACHERS: dict[str, tuple[str, ...]] = {
-    "expert": (),
-    "naive": ("--error-rate", "0.1", "--silence-rate", "0.1"),
-    "absent-minded": ("--silence-rate", "0.3"),
-}
-"""Simulated teachers by name. The expert is the exact oracle; the rates of the others are our choice."""
 POLL_S = 2.0
 """A lost message delays the end of the demo by this much at most: the report is asked for as well."""
 
@@ -96,9 +91,9 @@ def demo(  # noqa: PLR0917 - one argument a flag
 def _teachers(text: str) -> tuple[str, ...]:
     names = () if text == "none" else tuple(text.split(","))
     for name in names:
-        if name not in TEACHERS:
+        if name not in PERSONAS:
             message = (
-                f"unknown teacher {name!r}: choose from {', '.join(TEACHERS)}, several by comma, or none"
+                f"unknown teacher {name!r}: choose from {', '.join(PERSONAS)}, several by comma, or none"
             )
             raise CommandError(message)
     return names
@@ -164,7 +159,7 @@ def _teach(plan: _Plan, supervisor: Supervisor, bus: ZenohBus) -> tuple[SessionR
         bus.subscribe(keys.measures(config.session), receive)
         operator.create(config)
         for number, name in enumerate(plan.teachers):
-            flags = (*TEACHERS[name], "--delay-ms", str(plan.pace_ms), "--seed", str(config.seed))
+            flags = ("--persona", name, "--delay-ms", str(plan.pace_ms), "--seed", str(config.seed))
             unique = name if plan.teachers.count(name) == 1 else f"{name}-{number + 1}"
             supervisor.start(launch.scripted_teacher(plan.deployed, config.session, unique, flags))
         return _await_end(plan, config, supervisor, operator, news)

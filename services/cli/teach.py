@@ -17,12 +17,12 @@ from services.cli.options import (
     Seed,
     SupervisedFd,
     Verbose,
+    given_parameters,
     print_json,
 )
 from services.cli.waiting import service_bus
 from services.runtime.process import ProcessConfig, ServiceProcess
-from sfid_core.learning.parameters import parameters_of
-from sfid_core.teaching.kernels import TeacherParameters
+from sfid_core.teaching.personas import PERSONAS, persona_named
 
 teach_app = typer.Typer(
     help="Teach a session, in person or by script.", no_args_is_help=True, rich_markup_mode=None
@@ -49,8 +49,11 @@ def _names(session: str, name: str, deployment: str) -> Keys:
 def scripted(  # noqa: PLR0917 - one argument a flag
     session: SessionOption,
     name: NameOption = "expert",
-    error_rate: Annotated[float, typer.Option(help="Share of answers that are wrong, 0 to 1.")] = 0.0,
-    silence_rate: Annotated[float, typer.Option(help="Share of decisions without an opinion, 0 to 1.")] = 0.0,
+    persona: Annotated[str, typer.Option(help=f"Who it is: {', '.join(PERSONAS)}.")] = "oracle",
+    fault: Annotated[
+        list[str] | None,
+        typer.Option("--fault", "-f", help="A parameter of the teacher, NAME=VALUE; may be repeated."),
+    ] = None,
     delay_ms: Annotated[int, typer.Option(help="Thinking time before each answer, in ms.")] = 0,
     seed: Seed = 0,
     connect: Connect = ENDPOINT,
@@ -58,12 +61,11 @@ def scripted(  # noqa: PLR0917 - one argument a flag
     verbose: Verbose = False,
     supervised_fd: SupervisedFd = None,
 ) -> None:
-    """Teach by the exact oracle, with an error rate and a silence rate."""
+    """Teach by the exact oracle, with the faults and habits of a persona."""
     from services.teachers.scripted import ScriptedConfig, run
 
     keys = _names(session, name, deployment)
-    given = {"label_error": error_rate, "reward_error": error_rate, "silence": silence_rate}
-    faults = parameters_of(TeacherParameters, given, f"teacher {name}")
+    faults = persona_named(persona, given_parameters(fault))
     process = ServiceProcess(ProcessConfig(f"teacher-{name}", supervised_fd, verbose))
     config = ScriptedConfig(
         session=session, teacher=name, seed=seed, parameters=faults, delay_ms=delay_ms,

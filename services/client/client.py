@@ -7,7 +7,7 @@ from functools import partial
 from queue import Empty, SimpleQueue
 from random import Random
 from types import TracebackType
-from typing import Any, Literal, Self, cast
+from typing import Any, Literal, NamedTuple, Self, cast
 
 from protocol.codec import DecodeError, decode, encode
 from protocol.keys import Keys, checked
@@ -54,6 +54,15 @@ _FINAL, _NOBODY = frozenset({"denied", "invalid", "malformed", "conflict"}), (-1
 _CHANCE = secrets.SystemRandom()
 
 
+class _Answered(NamedTuple):
+    """The last answer, and the window it was given to."""
+
+    answer_id: bytes
+    epoch: int
+    decision: int
+    asked: str
+
+
 class Client:
     """A context manager. `answer` and `control` may be called on any thread, `next` on one at a time.
 
@@ -91,7 +100,7 @@ class Client:
         self._newest = _NOBODY
         self._current: Opened | None = None
         self._shown = (_NOBODY, 0)
-        self._answered: tuple[bytes, int, int] | None = None
+        self._answered: _Answered | None = None
         self._epoch: int | None = None
         self._connected: bool | None = None
         self._join_due_ns: int | None = None
@@ -198,15 +207,30 @@ class Client:
 
     def send(self, message: Answer) -> bytes:
         """Store an answer that the caller made and keeps, send it until it is acknowledged; return its id."""
-        self._answered = (message.answer_id, message.epoch, message.decision)
+        self._answered = _Answered(message.answer_id, message.epoch, message.decision, self._asked(message))
         # In this order: a bus in the same thread may bring the acknowledgement before `send` returns.
         self._inbox.put((self._updates.append, AnswerUpdate(message.answer_id, AnswerState.SENDING)))
         self._delivery.send(message.answer_id, encode(message))
         return message.answer_id
 
     def has_answered(self, decision: Decision) -> bool:
-        """Tell whether the last answer was to this decision and has not been rejected, whatever the epoch."""
-        return self._answered is not None and self._answered[2] == decision.decision
+        """Tell whether the last answer was to this window and has not been rejected, whatever the epoch.
+
+        A decision has two windows where teachers are asked before and after the action.
+        """
+        answered = self._answered
+        return answered is not None and (answered.decision, answered.asked) == (
+            decision.decision,
+            decision.asked,
+        )
+
+    def _asked(self, message: Answer) -> str:
+        """Return what the window asked that a message answers."""
+        if message.kind == "undo":
+            return "reward"
+        if message.kind != "abstain" or self._current is None:
+            return message.kind
+        return self._current.decision.asked
 
     def control(
         self, verb: Literal["window", "pause", "resume", "stop"], window: WindowSpec | None = None
@@ -349,11 +373,15 @@ class Client:
     def _on_answer_update(self, update: AnswerUpdate) -> None:
         self._updates.append(update)
         self._denied = self._denied and update.state is AnswerState.RETRYING
-        if update.state is AnswerState.REJECTED and self._answered and update.answer_id == self._answered[0]:
-            _, epoch, number = self._answered
-            self._answered = None
+        if (
+            update.state is AnswerState.REJECTED
+            and self._answered
+            and update.answer_id == self._answered.answer_id
+        ):
+            answered, self._answered = self._answered, None
             current = self._current
-            if current and current.decision.epoch > epoch and current.decision.decision == number:
+            reopened = current and current.decision.decision == answered.decision
+            if current and reopened and current.decision.epoch > answered.epoch:
                 # Given to the learner's former life and not known in this one: the decision is open again.
                 self._updates.append(current)
 

@@ -31,7 +31,7 @@ class Teaching:
 
         Raises TeachingError when the teacher may not join; waits for a learner that is not there yet.
         """
-        last: tuple[int, int] | None = None
+        last: tuple[int, int, str] | None = None
         while True:
             update = self.client.next(1.0)
             if isinstance(update, Refused) and update.final:
@@ -41,16 +41,26 @@ class Teaching:
             decision = update.decision
             if decision.phase == "finished":
                 return
-            number = (decision.epoch, decision.decision)
+            number = (decision.epoch, decision.decision, decision.asked)
             if decision.phase == "asking" and number != last and not self.client.has_answered(decision):
                 last = number
                 yield decision
 
-    def answer(self, decision: Decision, *, action: str | None = None, reward: float | None = None) -> bytes:
-        """Say which action you would take, or praise or blame; with neither, that you have nothing to say."""
-        if action is None and reward is None:
+    def answer(
+        self,
+        decision: Decision,
+        *,
+        action: str | None = None,
+        reward: float | None = None,
+        guidance: tuple[str, ...] = (),
+    ) -> bytes:
+        """Say which action you would take, praise or blame, or which actions are worth considering.
+
+        With none of them you say that you have nothing to say.
+        """
+        if action is None and reward is None and not guidance:
             return self.client.answer(decision, kind="abstain")
-        return self.client.answer(decision, action=action, reward=reward)
+        return self.client.answer(decision, action=action, reward=reward, guidance=guidance)
 
 
 @contextmanager

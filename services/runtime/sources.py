@@ -28,11 +28,13 @@ def core_digest() -> str:
 def keep_machine_code(directory: Path) -> None:
     """Keep what is compiled in a folder of `directory` named after the sources it was compiled from.
 
-    Without numba there is nothing to keep.
+    Without numba there is nothing to keep; where NUMBA_CACHE_DIR names a folder, that one is used.
     """
     if compiler_available():
         import numba  # noqa: PLC0415 - half a second to load, and optional
 
+        if numba.config.CACHE_DIR:  # type: ignore[attr-defined] - made at run time
+            return
         kept = directory / f"kernels-{core_digest()[:16]}"
         kept.mkdir(parents=True, exist_ok=True)
         numba.config.CACHE_DIR = str(kept)  # type: ignore[attr-defined] - made at run time

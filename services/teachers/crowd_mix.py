@@ -103,6 +103,14 @@ class Looking:
         """See Mind."""
         return self._teacher.reward(decision, state, action, optimal)
 
+    def guidance(self, decision: int, state: bytes, optimal: Iterable[int]) -> tuple[int, ...]:
+        """See Mind."""
+        return self._teacher.guidance(decision, state, optimal)
+
+    def delay_ms(self, _decision: int) -> float:
+        """See Mind; a worker's delay is the mix's own."""
+        return 0.0
+
 
 class Blind:
     """Names any action, or one and the same, whatever is optimal; four actions, as the worlds here have."""
@@ -120,6 +128,15 @@ class Blind:
         """See Mind."""
         praise = unit(self._key, decision) < 0.5 if self._constant is None else self._constant % 2 == 0
         return 1.0 if praise else -1.0
+
+    def guidance(self, decision: int, state: bytes, optimal: Iterable[int]) -> tuple[int, ...]:
+        """See Mind."""
+        label = self.label(decision, state, optimal)
+        return () if label is None else (label,)
+
+    def delay_ms(self, _decision: int) -> float:
+        """See Mind; a worker's delay is the mix's own."""
+        return 0.0
 
 
 def mind_of(spec: WorkerSpec, seed: int, session: str) -> Looking | Blind:

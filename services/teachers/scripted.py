@@ -64,6 +64,7 @@ class Said:
     decision: Decision
     action: str | None = None
     reward: float | None = None
+    guidance: tuple[str, ...] = ()
 
 
 class Mind(Protocol):
@@ -74,6 +75,12 @@ class Mind(Protocol):
 
     def reward(self, decision: int, state: bytes, action: int, optimal: Iterable[int]) -> float | None:
         """Return what is thought of an action, None for silence."""
+
+    def guidance(self, decision: int, state: bytes, optimal: Iterable[int]) -> tuple[int, ...]:
+        """Return the actions worth considering in a state, none for silence."""
+
+    def delay_ms(self, decision: int) -> float:
+        """Return the time to answer."""
 
 
 def optimal_names() -> Callable[[str], tuple[str, ...]]:
@@ -133,21 +140,28 @@ class Script:
             self._before = (step.decision + 1, step.next_view)
 
     def _look_at(self, decision: Decision, now_ns: int) -> None:
-        if decision.phase == "executing":
+        if decision.action is None or decision.phase == "executing":
             self._before = (decision.decision, decision.view)
         if decision.phase != "asking" or self._has_answered(decision):
             self._asked = self.due_ns = None
         else:
-            thinking = self._asked is not None and self._asked.decision == decision.decision
+            asked = self._asked
+            thinking = asked is not None and (asked.decision, asked.asked) == (
+                decision.decision,
+                decision.asked,
+            )
             self._asked = decision
             if not thinking:
-                self.due_ns = now_ns + self._delay_ns
+                self.due_ns = now_ns + self._delay_ns + int(self._teacher.delay_ms(decision.decision) * 1e6)
 
     def _said(self, decision: Decision) -> Said:
         number, names = decision.decision, decision.actions
         if decision.asked == "label":
             label = self._teacher.label(number, decision.state, self._indexes(decision.view, names))
             return Said(decision, action=None if label is None else names[label])
+        if decision.asked == "guidance":
+            chosen = self._teacher.guidance(number, decision.state, self._indexes(decision.view, names))
+            return Said(decision, guidance=tuple(names[action] for action in chosen))
         if decision.asked == "reward" and decision.action and self._before and self._before[0] == number:
             optimal = self._indexes(self._before[1], names)
             action = names.index(decision.action)
@@ -208,7 +222,7 @@ def run(
                 break
             if isinstance(update, Refused) and update.final:
                 raise ScriptedError(f"session {config.session!r}: {update.reason} ({update.code})")
-            if isinstance(update, Welcomed) and update.welcome.decision.asked == "reward":
+            if isinstance(update, Welcomed) and update.welcome.decision.asked in {"reward", "guidance"}:
                 client.watch_measures()  # the state before the action, should a decision message be lost
             if update is not None:
                 script.hear(update, clock.now_ns())
@@ -247,5 +261,11 @@ def _wait_s(due_ns: int | None, clock: Clock) -> float:
 
 
 def _tell(client: Client, said: Said) -> None:
-    silent = said.action is None and said.reward is None
-    client.answer(said.decision, kind="abstain" if silent else None, action=said.action, reward=said.reward)
+    silent = said.action is None and said.reward is None and not said.guidance
+    client.answer(
+        said.decision,
+        kind="abstain" if silent else None,
+        action=said.action,
+        reward=said.reward,
+        guidance=said.guidance,
+    )

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from random import Random
 
 from sfid_core.experiments.batch import world_of
+from sfid_core.outcome import Outcome
 from sfid_core.session.config import SessionConfig
 from sfid_core.session.effects import BeginEpisode, Effect, Execute
 from sfid_core.session.events import (
@@ -19,7 +20,7 @@ from sfid_core.session.machine import advance
 from sfid_core.session.state import Phase, Session, new_session
 from sfid_core.sokoban.actions import ACTIONS
 from sfid_core.sokoban.board import Board
-from sfid_core.sokoban.world import World
+from sfid_core.sokoban.world import Consequence, World
 from sfid_core.teaching.answers import Answer, AnswerKind
 from sfid_core.teaching.simulated import SimulatedTeacher
 
@@ -73,8 +74,12 @@ class Live:
             state, view = self.board.state_key(), self.board.to_xsb()
             self.waiting.append(EpisodeBegan(effect.episode, state, view, optimal_steps))
         elif isinstance(effect, Execute):
+            if effect.action == len(ACTIONS):
+                capped = self.session.step + 1 >= self.config.world.steps_max
+                done = Consequence(self.before, 0.0, Outcome.CAP if capped else Outcome.RUNNING)
+            else:
+                done = self.world.execute(self.board, ACTIONS[effect.action], self.session.step)
             self.before = self.board
-            done = self.world.execute(self.board, ACTIONS[effect.action], self.session.step)
             self.board = done.board
             state, view = self.board.state_key(), self.board.to_xsb()
             distance = self.world.optimal_steps(self.board)
@@ -85,7 +90,7 @@ class Live:
 
     def _ask(self) -> None:
         """Let every teacher answer the open decision, then let the window elapse if it is still open."""
-        decision = self.session.decision
+        decision, asked = self.session.decision, self.session.asks
         judged = self.board if self.session.transition is None else self.before
         optimal = self.world.optimal_actions(judged)
         state, action = self.session.state, self.session.action
@@ -96,7 +101,7 @@ class Live:
                 self.answers_given += 1
                 answer_id = self.answers_given.to_bytes(16, "big")
                 self._happen(AnswerGiven(name, answer_id, decision, state, answer))
-        if (self.session.decision, self.session.phase) == (decision, Phase.ASKING):
+        if (self.session.decision, self.session.phase, self.session.asks) == (decision, Phase.ASKING, asked):
             self.at_ns = (self.session.deadline_ns or self.at_ns) - MS
             self._happen(WindowElapsed())
 
@@ -106,5 +111,8 @@ class Live:
         if self.session.asks is AnswerKind.LABEL:
             label = teacher.label(decision, state, optimal)
             return None if label is None else Answer(AnswerKind.LABEL, action=label)
+        if self.session.asks is AnswerKind.GUIDANCE:
+            guidance = teacher.guidance(decision, state, optimal)
+            return Answer(AnswerKind.GUIDANCE, guidance=guidance) if guidance else None
         reward = teacher.reward(decision, state, action, optimal)
         return None if reward is None else Answer(AnswerKind.REWARD, reward=reward)

@@ -88,8 +88,24 @@ def test_a_teacher_who_has_not_seen_the_state_before_abstains(heard: Learnt | No
 
 
 def test_a_kind_of_answer_that_a_script_has_no_opinion_on_is_an_abstention() -> None:
-    asked = decision(asked="guidance")
+    asked = decision(asked="mistake")
     assert says(script(), asked) == Said(asked)
+
+
+def test_guidance_points_at_the_solvers_action_and_others() -> None:
+    asked = decision(asked="guidance")
+    assert says(script(guidance_width=1), asked) == Said(asked, guidance=("LEFT",))
+    said = says(script(guidance_width=2), asked)
+    assert said is not None
+    assert "LEFT" in said.guidance
+    assert len(said.guidance) == 2
+
+
+def test_an_answer_to_guidance_leaves_the_reward_of_the_same_decision_open() -> None:
+    teacher = script()
+    assert says(teacher, decision(asked="guidance", view=CORRIDOR[2])) is not None
+    judged = decision(asked="reward", action="LEFT", view=CORRIDOR[2])
+    assert says(teacher, judged) == Said(judged, reward=1.0)
 
 
 def test_what_was_answered_already_is_not_answered_again() -> None:
