@@ -1,11 +1,13 @@
-"""Rebuilding sessions from a journal, without any service."""
+"""Rebuilding sessions and crowds from their journals, without any service."""
 
 from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
 
+from protocol.crowd_journal import FoldedCrowd, fold_crowd
 from protocol.journal import Record, fold
 from services.runtime.journal import read_rows
+from sfid_core.crowd.tally import Reliability
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,11 +29,51 @@ def replay_directory(data_dir: Path, session: str | None = None) -> list[Replaye
 
     Raises: JournalError, or DecodeError when a row cannot be read.
     """
+    records = _by_session(data_dir, session)
+    return [replayed for name in sorted(records) if (replayed := _replayed(name, records[name])) is not None]
+
+
+def _by_session(data_dir: Path, session: str | None) -> dict[str, list[Record]]:
     records: dict[str, list[Record]] = defaultdict(list)
     for row in read_rows(data_dir, session):
         if row.body is not None:
             records[row.session].append(Record(row.kind, row.at_ns, row.body))
-    return [replayed for name in sorted(records) if (replayed := _replayed(name, records[name])) is not None]
+    return records
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayedCrowd:
+    """What the journal of a session's crowd builds."""
+
+    session: str
+    aggregator: str
+    conclusions: int
+    """Rounds that reliabilities were learnt from."""
+    matches: bool
+    """Whether every conclusion that was handed on, and every noted reliability, came out again to the bit."""
+    reliabilities: dict[str, Reliability]
+    """By worker; of the kind of answer that was asked for last."""
+
+
+def replay_crowds(data_dir: Path, session: str | None = None) -> list[ReplayedCrowd]:
+    """Return every crowd (or that of the session named) beside a learner's journal, by aggregator.
+
+    Raises: JournalError, or DecodeError when a row cannot be read.
+    """
+    replayed: list[ReplayedCrowd] = []
+    for directory in sorted(data_dir.glob("crowd-*")):
+        for name, records in sorted(_by_session(directory, session).items()):
+            folded = fold_crowd(records)
+            if folded is not None:
+                replayed.append(_replayed_crowd(name, folded))
+    return replayed
+
+
+def _replayed_crowd(session: str, folded: FoldedCrowd) -> ReplayedCrowd:
+    aggregates = list(folded.crowd.aggregates.values())[-1:]
+    known = {worker: one.reliability(worker) for one in aggregates for worker in one.workers()}
+    crowd, config = folded.crowd, folded.config
+    return ReplayedCrowd(session, config.aggregator, crowd.conclusions, not folded.mismatches, known)
 
 
 def _replayed(name: str, records: list[Record]) -> Replayed | None:

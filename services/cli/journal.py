@@ -8,7 +8,7 @@ import typer
 from protocol.codec import DecodeError
 from services.cli.failure import NOT_SO, CommandError
 from services.cli.options import Json, print_json
-from services.replay import Replayed, replay_directory
+from services.replay import Replayed, ReplayedCrowd, replay_crowds, replay_directory
 from services.runtime.journal import verify as verify_journal
 
 
@@ -30,9 +30,10 @@ def replay(
     ] = False,
     json: Json = False,
 ) -> None:
-    """Rebuild Q from the journal alone and compare its SHA-256 with the one that was noted."""
+    """Rebuild Q and crowds from their journals alone and compare them with what was noted."""
     try:
         replayed = replay_directory(directory, session)
+        crowds = replay_crowds(directory, session)
     except DecodeError as error:
         message = f"{directory}: a row cannot be read ({error}): `sfid verify {directory}` tells where"
         raise CommandError(message, NOT_SO) from None
@@ -41,18 +42,36 @@ def replay(
         message = f"{directory}: {what} in this journal: name the --data directory of a learner"
         raise CommandError(message)
     if json:
-        print_json({"sessions": [_row(one) for one in replayed]})
+        print_json(
+            {"sessions": [_row(one) for one in replayed], "crowds": [_crowd_row(one) for one in crowds]}
+        )
     else:
         for one in replayed:
             verdict = f"matches {one.digests} noted digests" if one.matches else "DIFFERS"
             counts = f"{one.events} events, {one.episodes} episodes"
             print(f"{one.session}: {counts}, q_sha256 {one.q_sha256}: {verdict}")
-    if verify and not all(one.matches for one in replayed):
+        for crowd in crowds:
+            verdict = "matches what was handed on" if crowd.matches else "DIFFERS"
+            counts = f"{crowd.conclusions} conclusions of {len(crowd.reliabilities)} workers"
+            print(f"{crowd.session}, crowd {crowd.aggregator}: {counts}: {verdict}")
+    if verify and not (all(one.matches for one in replayed) and all(one.matches for one in crowds)):
         raise typer.Exit(NOT_SO)
 
 
 def _row(one: Replayed) -> dict[str, object]:
     return {"session": one.session, "q_sha256": one.q_sha256, "matches": one.matches, "events": one.events}
+
+
+def _crowd_row(one: ReplayedCrowd) -> dict[str, object]:
+    workers = [
+        {"worker": worker, "reliability": known.mean, "standard_error": known.standard_error,
+         "labels": known.labels, "standing": known.standing}
+        for worker, known in one.reliabilities.items()
+    ]  # fmt: skip
+    return {
+        "session": one.session, "aggregator": one.aggregator, "matches": one.matches,
+        "conclusions": one.conclusions, "workers": workers,
+    }  # fmt: skip
 
 
 def verify(directory: DirectoryArgument, json: Json = False) -> None:

@@ -185,6 +185,17 @@ def test_page_terminal_and_script_teach_one_session_through_an_aggregator_that_i
     wait_for("its end is durable", lambda: "finished" in {row.kind for row in deployment.crowd_rows()})
     _nothing_is_lost(deployment, terminal.acknowledged, page.acknowledged)
     _who_said_what(deployment)
+    _everything_replays(deployment)
+
+
+def _everything_replays(deployment: Deployment) -> None:
+    done = sfid("replay", str(deployment.data), "--verify", "--json")
+    assert done.code == 0, done.stderr
+    told = json.loads(done.stdout)
+    (crowd,) = told["crowds"]
+    assert [one["matches"] for one in (*told["sessions"], crowd)] == [True, True]
+    assert [one["worker"] for one in crowd["workers"]] == ["page", "script", "second-script", "terminal"]
+    assert all(0 < one["reliability"] < 1 and one["standard_error"] > 0 for one in crowd["workers"])
 
 
 def _nothing_is_lost(deployment: Deployment, *people: dict[bytes, str]) -> None:
