@@ -1,0 +1,120 @@
+"""What a study is: its consent, conditions, design and lessons."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from hashlib import sha256
+
+from sfid_core.session.config import Window
+from sfid_core.study.errors import StudyError
+
+CONDITIONS_MAX = 8
+NAME_LENGTH_MAX = 24
+"""A participant's session is named STUDY-PSEUDONYM-PERIOD, in 48 letters."""
+
+
+class Design(Enum):
+    """Who meets which conditions."""
+
+    BETWEEN = "between"
+    """Everybody one condition."""
+    WITHIN = "within"
+    """Everybody all conditions, in an order of their own."""
+
+
+class Recruiter(Enum):
+    """Where participants come from, which says how they are named there."""
+
+    NONE = "none"
+    PROLIFIC = "prolific"
+    MTURK = "mturk"
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Return the address's parameters that are kept, that of the person first."""
+        return _PARAMETERS[self]
+
+
+_PARAMETERS = {
+    Recruiter.NONE: (),
+    Recruiter.PROLIFIC: ("PROLIFIC_PID", "STUDY_ID", "SESSION_ID"),
+    Recruiter.MTURK: ("workerId", "assignmentId", "hitId"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Consent:
+    """What people agree to."""
+
+    version: str
+    text: str
+
+    @property
+    def sha256(self) -> str:
+        """Return the SHA-256 of the text in UTF-8, which is kept with each consent."""
+        return sha256(self.text.encode()).hexdigest()
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """One way of teaching that is compared."""
+
+    name: str
+    method: str
+    """A learning method by name."""
+    teacher: str = "people"
+    """The second factor of the design, where there is one: what sort of teachers these are told to be."""
+    instructions: str = ""
+    """What participants read before they teach; the method's own words where it is empty."""
+    parameters: Mapping[str, float | str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Lesson:
+    """A session that each participant teaches alone."""
+
+    level: str
+    starts: str
+    episodes: int
+    window: Window
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """A study. Raises: StudyError where it makes no sense."""
+
+    name: str
+    title: str
+    consent: Consent
+    conditions: tuple[Condition, ...]
+    teaching: Lesson
+    practice: Lesson | None = None
+    """None: nobody practises."""
+    design: Design = Design.BETWEEN
+    seed: int = 0
+    """Of the assignment and of the worlds."""
+    effort: bool = True
+    """Whether people are asked for their effort after each lesson (NASA-TLX)."""
+    recruiter: Recruiter = Recruiter.NONE
+    completion_code: str = ""
+    """The same for everybody; empty: each person gets one of their own."""
+
+    def __post_init__(self) -> None:
+        if not self.consent.text.strip() or not self.consent.version.strip():
+            raise StudyError("consent has no text or no version: write what people agree to, and number it")
+        if not 1 <= len(self.conditions) <= CONDITIONS_MAX:
+            raise StudyError(f"{len(self.conditions)} conditions: give 1 to {CONDITIONS_MAX}")
+        names = [condition.name for condition in self.conditions]
+        if len(set(names)) < len(names):
+            raise StudyError(f"conditions {', '.join(names)}: give each a name of its own")
+        if not 1 <= len(self.name) <= NAME_LENGTH_MAX:
+            raise StudyError(f"study name {self.name!r}: give 1 to {NAME_LENGTH_MAX} characters")
+
+    @property
+    def periods(self) -> int:
+        """Return how many conditions one person meets."""
+        return len(self.conditions) if self.design is Design.WITHIN else 1
+
+    def session(self, pseudonym: str, period: int) -> str:
+        """Return the name of a person's session; period 0 is practice."""
+        return f"{self.name}-{pseudonym}-{period}"
