@@ -48,11 +48,11 @@ def answer(worker: str, action: str, code: AnswerCode = AnswerCode.ACCEPTED, **c
     return Record(CrowdKind.ANSWER.value, 5, answer_body(code, "", payload))
 
 
-def handed(action: str | None = "UP", **posterior: float) -> bytes:
+def handed(action: str = "UP", **posterior: float) -> bytes:
     return encode(
         Answer(
             answer_id=b"handed-on-------", session="s1", teacher="crowd", epoch=1, decision=0, episode=0,
-            step=0, state=STATE, kind="abstain" if action is None else "label", action=action, posterior=posterior,
+            step=0, state=STATE, kind="label", action=action, posterior=posterior,
         )
     )  # fmt: skip
 
