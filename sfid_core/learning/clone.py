@@ -17,7 +17,7 @@ class CloneParameters(NamedTuple):
 
     gamma: Annotated[float, GAMMA] = 0.9
     """Discount factor of the measures; nothing is bootstrapped."""
-    demonstrations: Annotated[float, Range(1, 1e6, unit="episodes")] = 30
+    demonstrations: Annotated[float, Range(1, 1e6, unit="episodes")] = 30.0
     """Episodes in which the teacher drives; labels of later ones are not learnt from."""
 
 

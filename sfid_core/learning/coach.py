@@ -25,7 +25,7 @@ class CoachParameters(NamedTuple):
     trace: Annotated[float, Range(0, 1, below=True, source="Deep COACH")] = 0.35
     """lambda: how much of the trace is left after a step; 0.95 on the robot (33 ms a step), 0.1 in
     a tabular grid."""
-    delay_steps: Annotated[float, Range(0, 1000, unit="steps")] = 0
+    delay_steps: Annotated[float, Range(0, 1000, unit="steps")] = 0.0
     """d: feedback is for the step so many steps ago; 6 on the robot, 0 turn by turn."""
 
 

@@ -22,7 +22,7 @@ class DaggerParameters(NamedTuple):
     """Discount factor of the measures; nothing is bootstrapped."""
     schedule: Annotated[int, Choice(("linear", "power"))] = 0
     """How beta falls: from 1 to 0 over `rounds`, or by the factor `base` each round."""
-    rounds: Annotated[float, Range(1, 1e6, unit="episodes", source="the imitation library")] = 15
+    rounds: Annotated[float, Range(1, 1e6, unit="episodes", source="the imitation library")] = 15.0
     """Rounds until beta is 0, with the schedule `linear`."""
     base: Annotated[float, Range(0, 1)] = 0.5
     """beta of the next round over beta of this one, with the schedule `power`; 0 leaves the first round alone

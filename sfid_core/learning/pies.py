@@ -25,7 +25,7 @@ class PiesParameters(NamedTuple):
     gamma_advice: Annotated[float, RATE] = 0.0
     """Discount factor of the advice; the authors use Q's. 0 is ours: advice then is about one step, and no
     circuit of praise can grow in it."""
-    episodes: Annotated[float, Range(1, 1e6, unit="episodes", source="the authors' 20 x 20 grid")] = 100
+    episodes: Annotated[float, Range(1, 1e6, unit="episodes", source="the authors' 20 x 20 grid")] = 100.0
     """Episodes in which the weight of the advice falls from 1 to 0."""
 
 

@@ -6,6 +6,7 @@ from random import Random
 import pytest
 
 from sfid_core.experiments.batch import run_batch
+from sfid_core.learning.methods import METHODS
 from sfid_core.session.config import SessionConfig, Window, WindowMode, WorldSpec
 from sfid_core.session.machine import replay
 from sfid_core.session.state import new_session
@@ -32,7 +33,7 @@ def parameters(names: Sequence[str], error: float, silence: float) -> dict[str, 
     return {name: TeacherParameters(error, error, silence) for name in names}
 
 
-@pytest.mark.parametrize("method", ["sfid", "reward", "q-learning"])
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("names", [("ann",), ("ann", "bob"), ("ann", "bob", "cid")], ids=len)
 @pytest.mark.parametrize("error, silence", [(0.0, 0.0), (0.2, 0.0), (0.2, 0.3)])
 def test_a_live_session_learns_exactly_what_the_batch_run_learns(
@@ -42,7 +43,7 @@ def test_a_live_session_learns_exactly_what_the_batch_run_learns(
         config = configured(method, seed, len(names))
         live = Live(config, simulated(seed, names, error, silence), Random(seed))
         session = live.play()
-        batch = run_batch(config, parameters(names, error, silence))
+        batch = run_batch(config, parameters(names, error, silence), fast=False)
         assert session.learner.sha256() == batch.q_sha256
         assert tuple(session.episodes) == batch.episodes
         assert session.counts == batch.counts
@@ -60,7 +61,7 @@ def test_neither_the_window_nor_the_order_of_answers_changes_what_is_learnt(wind
     assert digests == {run_batch(configured("sfid", 3, 2), parameters(("ann", "bob"), 0.2, 0.2)).q_sha256}
 
 
-@pytest.mark.parametrize("method", ["sfid", "reward", "q-learning"])
+@pytest.mark.parametrize("method", METHODS)
 def test_the_replay_of_a_journal_is_the_live_session(method: str) -> None:
     config = configured(method, 5, 2)
     live = Live(config, simulated(5, ("ann", "bob"), 0.2, 0.3), Random(5))
