@@ -166,7 +166,7 @@ class SimulatedShard(Shard):
     def _die_with_the_database_behind(self) -> None:
         directory, mirror = self.directory, self.directory / MIRROR_NAME
         before = {name: (directory / name).read_bytes() for name in DATABASE if (directory / name).exists()}
-        begin = mirror.stat().st_size
+        begin = min(mirror.stat().st_size, self._mirror.end)  # behind it stands what failed before
         super().commit()
         end = mirror.stat().st_size
         self._disk.cut()

@@ -261,6 +261,10 @@ class OperatorNode(Node):
         self._control("pause")
         self.timeline.call_in(span_ns, partial(self._control, "resume"))
 
+    def resume(self) -> None:
+        """Resume the session: a pause that was repeated on its way may have come after its resume."""
+        self._control("resume")
+
     def show(self) -> None:
         """Ask for the report, once the wishes before it are granted."""
         self._wishes.append((KEYS.learner("show"), encode(SessionQuery(session=SESSION))))

@@ -108,15 +108,15 @@ def _content(kept: Kept) -> tuple[str, str | None, float | None]:
 
 def r5_bound_to_its_decision_and_state(evidence: Evidence) -> Iterator[str]:
     """An answer is bound to the decision and state it was given for, and never applied to another."""
-    states = {step.decision: step.state for step in evidence.steps}
+    steps = evidence.last_steps
     for (decision, teacher), answers in evidence.accepted().items():
         for one in answers:
-            if decision in states and one.answer.state != states[decision]:
+            if decision in steps and one.answer.state != steps[decision].state:
                 yield f"decision {decision}: an answer of {teacher} for another state was accepted"
     given = defaultdict(set)
     for one in evidence.kept:
         given[one.answer.decision, one.answer.teacher].add(_content(one))
-    for step in evidence.steps:
+    for step in steps.values():
         for said in step.said:
             if (said.kind, said.action, said.reward) not in given[step.decision, said.teacher]:
                 yield f"decision {step.decision}: what counts for {said.teacher} was not said about it"

@@ -139,6 +139,7 @@ class Stage:
     def _heal(self) -> None:
         """End all faults and start what is dead; a disk that failed works again."""
         self.meddler.kill("leave")
+        self.operator.resume()
         self._healed = True
         self.hub.heal()
         self.disk.faults = DiskFaults()
