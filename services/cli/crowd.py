@@ -55,7 +55,7 @@ def add_to(app: typer.Typer) -> None:
 
 
 @crowd_app.command("aggregate")
-def aggregate_file(
+def aggregate_file(  # noqa: PLR0917 - one argument an option
     file: Annotated[Path, typer.Argument(help="CSV with the columns task, worker, label.")],
     method: Annotated[str, typer.Option(help=f"One of {', '.join(NAMES)}.")] = "dawid-skene",
     truth: Annotated[Path | None, typer.Option(help="CSV with the columns task, label.")] = None,
@@ -63,6 +63,12 @@ def aggregate_file(
     ties: Annotated[Ties, typer.Option(help="Where two labels are equally probable.")] = Ties.DRAW,
     seed: Annotated[int, typer.Option(help="Seed of the draws between ties.")] = 0,
     abstain_below: Annotated[float, typer.Option(help="Say nothing below this probability.")] = 0.0,
+    prior: Annotated[
+        float | None,
+        typer.Option(
+            help="dawid-skene: labels a class the prior is worth (0.1; online 1); sparse sets want more."
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Make one label a task of many workers' labels, and say how reliable each worker is."""
@@ -74,7 +80,7 @@ def aggregate_file(
     known = None if truth is None else read_truth(truth)
     began = perf_counter()
     labels = label_set(rows.tasks, rows.workers, rows.labels)
-    found = aggregate(labels, method)
+    found = aggregate(labels, method, prior)
     seconds = perf_counter() - began
     answers = Answers(labels, seed if ties is Ties.DRAW else None, abstain_below)
     document = _document(method, seconds, rows, found, answers, known)

@@ -73,3 +73,20 @@ def systematic_set(seed: int, tasks: int = 600, workers: int = 30, each: int = 5
             rows.append((str(task), f"w{worker:02}", str(int(chance.choice(K, p=matrix[right])))))
     names, people, given = (list(column) for column in zip(*rows, strict=True))
     return Columns(names, people, given, truth)
+
+
+def sparse_set(seed: int, tasks: int = 500, workers: int = 200, each: int = 3) -> Columns:
+    """Return a set of careful and careless workers with some seven labels each."""
+    chance = np.random.default_rng(seed)
+    accuracy = chance.beta(5, 2, workers)
+    rows = []
+    truth: dict[Name, Name] = {}
+    for task in range(tasks):
+        right = int(chance.integers(K))
+        truth[str(task)] = str(right)
+        for worker in chance.choice(workers, each, replace=False).tolist():
+            wrong = (right + 1 + int(chance.integers(K - 1))) % K
+            label = right if chance.random() < accuracy[worker] else wrong
+            rows.append((str(task), f"w{worker:03}", str(label)))
+    names, people, given = (list(column) for column in zip(*rows, strict=True))
+    return Columns(names, people, given, truth)

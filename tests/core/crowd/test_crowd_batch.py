@@ -13,6 +13,7 @@ from sfid_core.crowd.one_coin import one_coin
 from sfid_core.crowd.outcome import accuracy, decided
 from sfid_core.crowd.weighted import weighted_majority
 from sfid_core.learning.parameters import ParameterError
+from tests.core.crowd.crowds import sparse_set
 
 
 def random_set(seed: int, tasks: int = 40, workers: int = 6, k: int = 3) -> LabelSet:
@@ -174,6 +175,25 @@ def test_one_label_alone_and_one_class_alone_are_answered(method: str) -> None:
     assert decided(found.posterior, agreed.task_names, seed=0) == [0, 0]
     assert np.isfinite(found.reliability).all()
     assert np.isfinite(found.standard_error).all()
+
+
+def test_a_prior_helps_where_workers_gave_few_labels_and_belongs_to_matrices_alone() -> None:
+    columns = sparse_set(0)
+    labels = label_set(columns.tasks, columns.workers, columns.labels)
+    right = []
+    for prior in (0.0, 1.0):
+        classes = aggregate(labels, "dawid-skene", prior).outcome.posterior.argmax(axis=1).tolist()
+        named = [labels.class_names[index] for index in classes]
+        right.append(
+            sum(columns.truth[task] == name for task, name in zip(labels.task_names, named, strict=True))
+        )
+    assert right[1] > right[0] + 5
+    assert aggregate(labels, "online-dawid-skene", 5.0).live is not None
+    with pytest.raises(ParameterError, match="one-coin has no prior in labels a class"):
+        aggregate(labels, "one-coin", 1.0)
+    for method in ("dawid-skene", "online-dawid-skene"):
+        with pytest.raises(ParameterError, match=r"prior -1\.0 is outside"):
+            aggregate(labels, method, -1.0)
 
 
 def test_columns_of_unequal_length_and_empty_ones_are_refused() -> None:

@@ -103,6 +103,7 @@ def test_the_summary_names_the_least_reliable_workers(labels: Path, truth: Path)
         (("--method", "sorcery"), "crowd method 'sorcery' is unknown: choose one of majority, weighted"),
         (("--abstain-below", "1.5"), "abstain_below 1.5 is outside 0 to 1"),
         (("--ties", "maybe"), "--ties"),
+        (("--method", "majority", "--prior", "1"), "majority has no prior in labels a class: leave it out"),
         (("--truth", "nowhere.csv"), "nowhere.csv: No such file"),
         (("--out", "/nowhere/out.csv"), "/nowhere/out.csv: No such file"),
     ],
