@@ -58,6 +58,7 @@ class Visitor:
         self.identity: Identity | None = None
         self.left_ns = 0
         self.heard_s = 0.0
+        """When the person last did something; a page left open pings, and does nothing."""
         self.hellos = Bucket(limits.hellos_per_minute / 60, limits.hellos_per_minute / 3)
         self._frames = Bucket(limits.frames_per_s, limits.frames_burst)
         self._too_many = 0
@@ -66,6 +67,7 @@ class Visitor:
         self._seats: dict[str, tuple[Room, Seat]] = {}
         self._token = ""
         self._told_of_end = False
+        self._now_s = 0.0
 
     @property
     def open_answers(self) -> int:
@@ -168,7 +170,7 @@ class Visitor:
 
     def admit(self, now_s: float) -> bool:
         """Tell whether one more frame is within the rate; a flooder is let go."""
-        self.heard_s = now_s
+        self._now_s = now_s
         if self._frames.take(now_s):
             self._too_many = max(0, self._too_many - 1)
             return True
@@ -188,8 +190,10 @@ class Visitor:
             case Ping():
                 self._tell(written("pong"))
             case Say():
+                self.heard_s = self._now_s
                 self._say(frame)
             case Submit():
+                self.heard_s = self._now_s
                 self._submit(frame)
             case _:  # a second hello
                 self._refuse(Reason.MALFORMED, "hello is said once")

@@ -1,5 +1,8 @@
 """A running deployment with a gateway, for tests that teach through a real browser."""
 
+import json
+import os
+import signal
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -59,6 +62,11 @@ class Lesson:
         """Withdraw the last link to a session."""
         Register(self.data / "gateway").revoke(self.ids[session])
 
+    def kill_gateway(self) -> None:
+        """Kill the gateway; its supervisor starts it again."""
+        processes = json.loads((self.data / "processes.json").read_text())
+        os.kill(next(one["pid"] for one in processes if one["role"] == "gateway"), signal.SIGKILL)
+
     def report(self, session: str) -> SessionReport:
         """Return what the learner knows of a session."""
         return self.operator.show(session)[0]
@@ -72,7 +80,7 @@ def lesson(data: Path) -> Iterator[Lesson]:
         supervisor = launch.supervise(data, launch.make_directories(data))
         stack.callback(supervisor.stop)
         supervisor.start(launch.router(deployed))
-        gateway = launch.gateway(deployed, GatewaySection(enabled=True, listen="127.0.0.1:0"))
+        gateway = launch.gateway(deployed, GatewaySection(enabled=True, listen=free_endpoint()[4:]))
         supervisor.start(launch.environment(deployed), launch.learner(deployed), gateway)
         bus = open_bus(deployed.endpoint, 5000)
         stack.callback(bus.close)

@@ -23,6 +23,8 @@ SAVED = f"{FATE} === 'saved'"
 KEPT = "Object.keys(localStorage).filter((key) => key.startsWith('sfid.out.')).length"
 EARLY = WindowSpec(mode="early", span_ms=60_000)
 RESUMED_S = 2.0
+EXPECTED = re.compile("INTERNET_DISCONNECTED|CONNECTION_REFUSED")
+"""What a browser says when a test took the network away, or killed the gateway."""
 
 Open = Callable[..., Tab]
 
@@ -51,7 +53,7 @@ def open_tab(browser: Chromium) -> Iterator[Open]:
         return tab
 
     yield opened
-    complaints = [line for tab in tabs for line in tab.complaints() if "INTERNET_DISCONNECTED" not in line]
+    complaints = [line for tab in tabs for line in tab.complaints() if not EXPECTED.search(line)]
     for tab in tabs:
         tab.close()
     assert complaints == []
@@ -202,6 +204,22 @@ def test_an_answer_kept_without_network_survives_the_closing_of_the_page(
     next_shown(again, number)
     assert totals(class_, session) == (1, 1)
     assert again.run(KEPT) == 0
+
+
+def test_an_answer_given_while_the_gateway_is_dead_is_saved_when_it_lives_again(
+    class_: Lesson, open_tab: Open
+) -> None:
+    session = class_.session()
+    tab = open_tab(class_.link(session))
+    number = shown(tab)
+    class_.kill_gateway()
+    tab.wait("document.getElementById('net').dataset.state !== 'online'")
+    tab.key("ArrowUp")
+    tab.wait(f"{FATE} === 'waiting'")
+    tab.wait("document.querySelector('.fate').innerText.includes('Up: saved')", 30.0)
+    next_shown(tab, number)
+    assert totals(class_, session) == (1, 1)
+    assert tab.run(KEPT) == 0
 
 
 def test_two_people_teach_at_once_and_each_is_counted(class_: Lesson, open_tab: Open) -> None:

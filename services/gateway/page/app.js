@@ -50,7 +50,7 @@ class App {
   know(frame) {
     keep.keepToken(frame.token, this.token);
     this.token = frame.token;
-    if (this.outbox === null || this.pseudonym !== frame.pseudonym) this.outbox = new keep.Outbox(frame.pseudonym);
+    if (this.outbox === null || this.pseudonym !== frame.pseudonym) this.outbox = new keep.Outbox(frame.pseudonym, frame.token);
     this.pseudonym = frame.pseudonym;
     document.documentElement.dataset.who = frame.pseudonym;
   }

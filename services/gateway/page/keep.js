@@ -88,9 +88,10 @@ export function arrival() {
 // ---------------------------------------------------------------- the outbox
 
 export class Outbox {
-  constructor(pseudonym) {
+  constructor(pseudonym, token) {
     this.prefix = `sfid.out.${pseudonym}.`;
-    this.marker = `sfid.said.${pseudonym}`;
+    // By token: a session of the same name elsewhere, or later, counts its decisions from 0 again.
+    this.marker = `sfid.said.${token.slice(-16)}`;
     this.entries = new Map();
     let keys = [];
     try {

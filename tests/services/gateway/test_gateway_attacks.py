@@ -305,6 +305,15 @@ def test_a_browser_that_does_not_read_is_let_go(tmp_path: Path) -> None:
         assert is_served(honest)
 
 
+def test_a_page_that_was_left_open_is_let_go(tmp_path: Path) -> None:
+    with gateway(tmp_path, idle_timeout_s=0.5) as house:
+        ann, _ = house.teacher("ann")
+        ann.send("ping")
+        assert ann.next("refused")["reason"] == "idle"
+        assert ann.closed() == 4408
+        house.refused(idle=1)
+
+
 def test_a_person_cannot_connect_over_and_over(tmp_path: Path) -> None:
     with gateway(tmp_path, hellos_per_minute=9.0) as house:
         token = house.token("eve")

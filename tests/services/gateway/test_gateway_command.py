@@ -2,6 +2,8 @@
 
 import http.client
 import json
+import shutil
+import ssl
 import subprocess
 import sys
 import time
@@ -32,6 +34,10 @@ def read(*arguments: str) -> dict[str, Any]:
     code, out, error = sfid(*arguments, "--json")
     assert code == 0, error
     return dict(json.loads(out))
+
+
+def router_of(data: Path) -> str:
+    return (data / "logs" / "router.log").read_text().split("ready: ")[1].split()[0]
 
 
 @pytest.fixture(scope="module")
@@ -97,8 +103,7 @@ def test_the_gateway_says_in_one_line_that_its_port_is_taken(data: Path) -> None
     taken = read_status(data)["url"].partition("://")[2]
     processes = json.loads((data / "processes.json").read_text())
     assert {one["role"] for one in processes} == {"router", "gateway"}
-    router = (data / "logs" / "router.log").read_text().split("ready: ")[1].split()[0]
-    code, _, error = sfid("gateway", "--connect", router, "--data", str(data), "--listen", taken)
+    code, _, error = sfid("gateway", "--connect", router_of(data), "--data", str(data), "--listen", taken)
     assert code == 2
     last = error.splitlines()[-1]
     assert last.startswith(f"sfid: cannot listen at {taken}: ")
@@ -126,3 +131,36 @@ def test_what_cannot_be_is_said_in_one_line(
     assert (found, out) == (code, "")
     assert reason in error
     assert len(error.splitlines()) == 1
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl to make a certificate with")
+def test_with_a_certificate_the_page_is_served_encrypted_and_says_so(tmp_path: Path, data: Path) -> None:
+    certificate, key = tmp_path / "cert.pem", tmp_path / "key.pem"
+    request = [
+        "openssl",
+        "req",
+        "-x509",
+        "-newkey",
+        "ec",
+        "-pkeyopt",
+        "ec_paramgen_curve:prime256v1",
+        "-nodes",
+    ]
+    request += ["-days", "1", "-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1"]
+    request += ["-out", str(certificate), "-keyout", str(key)]
+    subprocess.run(request, check=True, capture_output=True)
+    deployed = launch.Deployed(tmp_path, router_of(data), "local")
+    supervisor = launch.supervise(tmp_path, launch.make_directories(tmp_path))
+    section = GatewaySection(enabled=True, listen="127.0.0.1:0", tls_cert=str(certificate), tls_key=str(key))
+    try:
+        supervisor.start(launch.gateway(deployed, section))
+        url = read_status(tmp_path)["url"]
+        context = ssl.create_default_context(cafile=str(certificate))
+        connection = http.client.HTTPSConnection(url.partition("://")[2], context=context)
+        connection.request("GET", "/")
+        response = connection.getresponse()
+        assert (url[:8], response.status) == ("https://", 200)
+        assert response.headers["Strict-Transport-Security"] == "max-age=31536000"
+        assert f" wss://{url[8:]}/socket;" in response.headers["Content-Security-Policy"]
+    finally:
+        supervisor.stop()

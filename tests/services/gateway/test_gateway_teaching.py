@@ -13,7 +13,7 @@ from services.gateway.config import GatewayConfig, GatewayError, place_of
 from services.gateway.secret import load_secrets
 from services.screens import FINISHED, Button, Field, FieldKind, Flow, FlowRefusal, Person, Screen, Value
 from tests.services.gateway.gateway_house import Gateway, gateway
-from tests.services.teachers.fake_learner import ROOM, Code, drop, refuse
+from tests.services.teachers.fake_learner import KEYS, ROOM, Code, drop, refuse
 
 pytestmark = pytest.mark.real
 
@@ -118,7 +118,7 @@ def test_one_who_leaves_is_gone_after_a_moment_and_comes_back(house: Gateway) ->
     house.browser().hello(token).next("decision")
     watcher = house.learner.bus
     seen: list[bool] = []
-    watcher.watch("sfid/v1/local/session/s1/present/ann", lambda presence: seen.append(presence.present))
+    watcher.watch(KEYS.present("s1", "ann"), lambda presence: seen.append(presence.present))
     house.stack.close()
     house.status(lambda _: seen == [True, False])
     house.browser().hello(token).next("decision")
