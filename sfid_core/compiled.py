@@ -82,7 +82,7 @@ def _compiled(
         if isinstance(native, FunctionType) and (native in _KERNELS or native is not part):
             inner = parts if called not in dict(parts) and _mentions(native, dict(parts)) else ()
             replaced[called] = cast("Callable[..., Any]", _compiled(native, inner, name, inlined=True))
-    keep = bool(numba.config.CACHE_DIR)  # type: ignore[attr-defined] - made at run time
+    keep = bool(getattr(numba.config, "CACHE_DIR", ""))
     # A call costs more than most kernels do: named tuples are taken apart and put together again.
     return numba.njit(nogil=True, cache=keep, forceinline=inlined)(_rebuilt(function, replaced, name))
 

@@ -29,6 +29,7 @@ from services.router import RouterError
 from services.runtime.bus import BusError
 from services.runtime.journal import JournalError
 from services.supervisor import SupervisorError
+from sfid_core.experiments.errors import ExperimentError
 from sfid_core.learning.parameters import ParameterError
 from sfid_core.sokoban.levels import LevelError
 from sfid_core.sokoban.starts import WorldError
@@ -81,6 +82,7 @@ def main() -> None:
         LevelError,
         WorldError,
         TeachingError,
+        ExperimentError,
     ) as error:
         _fail(str(error), BAD_USAGE)
     except TyperException as error:

@@ -13,8 +13,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from sfid_core.chance import stream
 from sfid_core.compiled import compiled, compiler_available, linked
-from sfid_core.experiments.lane import (
+from sfid_core.experiments.greedy import greedy_share
+from sfid_core.experiments.lane import run_lanes
+from sfid_core.experiments.lane_world import (
     ASK_GUIDANCE,
     ASK_LABEL,
     ASK_MISTAKE,
@@ -27,8 +30,6 @@ from sfid_core.experiments.lane import (
     LaneTeacher,
     LaneWorld,
     Scratch,
-    greedy_share,
-    run_lanes,
 )
 from sfid_core.learning.kernels import Memory
 from sfid_core.learning.learner import learner_draws, table_sha256
@@ -80,7 +81,8 @@ class Batch:
 
     Args: config: the session; its seed is replaced by those that are run; teachers: by the name under which
     they would join; fast: compile the kernels (the default where numba is installed);
-    tables: those of the session's world, where they have been made before.
+    tables: those of the session's world, where they have been made before; checkpoints: episodes, ascending,
+    after which the greedy policy is tried from every start of the seed.
     Raises: ParameterError, LevelError, WorldError.
     """
 
@@ -91,6 +93,7 @@ class Batch:
         *,
         fast: bool | None = None,
         tables: WorldTables | None = None,
+        checkpoints: Sequence[int] = (),
     ) -> None:
         self._config = config
         self._names = sorted(teachers)
@@ -98,30 +101,39 @@ class Batch:
         self._method = method_named(config.method)
         self._parameters = config.method_parameters
         self.tables = tabulate(world_of(config)) if tables is None else tables
-        listed = _arrays if self._fast else _lists
-        self._listed = listed
         self._world = _lane_world(self.tables, config.world.steps_max, fast=self._fast)
         nobody = [TeacherParameters(silence=1.0)]
         parameters = [teachers[name] for name in self._names] or nobody
         self._teachers = tuple(LaneTeacher(one, self._teacher_memory(one)) for one in parameters)
+        self._checkpoints = tuple(checkpoints)
         self._plan = LanePlan(
             config.episodes,
             _ASKS[self._method.asks_before],
             _ASKS[self._method.asks_after],
             len(self._names),
+            self._column(np.array(self._checkpoints, dtype=np.int64)),
         )
         self._memory = blank_memory(
-            self._method, self.tables.n_states, len(ACTIONS), config.world.steps_max, listed
+            self._method, self.tables.n_states, len(ACTIONS), config.world.steps_max, self._zeros
         )
         beliefs = (*ONE_HOT[len(ACTIONS)], NOWHERE[len(ACTIONS)])
-        self._scratch = Scratch(listed([0.0] * len(ACTIONS)), beliefs)
+        self._scratch = Scratch(self._zeros(len(ACTIONS)), beliefs)
         self._run, self._greedy = _kernels(self._method, fast=self._fast)
 
     def run(self, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
-        """Run one session a seed; return float64 [seeds, episodes, COLUMNS] (`lane.MEASURES`)."""
+        """Run one session a seed; return float64 [seeds, episodes, COLUMNS] (`lane_world.MEASURES`)."""
+        return self.run_checked(seeds)[0]
+
+    def run_checked(self, seeds: Sequence[int]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Run one session a seed; return what `run` does, and the success at the checkpoints.
+
+        Returns also: float64 [seeds, checkpoints], the share of a seed's starts from which the policy alone
+        solves the level within the step cap.
+        """
         config = self._config
         shape = (len(seeds), config.episodes, COLUMNS)
-        out = self._listed([0.0] * math.prod(shape))
+        checked = (len(seeds), len(self._checkpoints))
+        out, success = self._zeros(math.prod(shape)), self._zeros(math.prod(checked))
         self._run(
             self._world,
             self._plan,
@@ -132,26 +144,39 @@ class Batch:
             self._scratch,
             self._parameters.gamma,
             out,
+            success,
         )
-        return np.asarray(out, dtype=np.float64).reshape(shape)
+        return np.asarray(out, dtype=np.float64).reshape(shape), np.asarray(success).reshape(checked)
 
     def _teacher_memory(self, parameters: TeacherParameters) -> TeacherMemory:
         praised = self.tables.n_states * len(ACTIONS) if parameters.diminishing else 0
-        return TeacherMemory(self._listed([0.0] * TEACHER_SCALARS), self._listed([0.0] * praised))
+        return TeacherMemory(self._zeros(TEACHER_SCALARS), self._zeros(praised))
 
     def _lanes(self, seeds: Sequence[int]) -> Lanes:
-        session, episodes = self._config.session, self._config.episodes
+        session, words = self._config.session, np.uint64
         draws = [learner_draws(seed, session) for seed in seeds]
-        columns = (
-            np.array([each.ties for each in draws], dtype=np.uint64),
-            np.array([each.explore for each in draws], dtype=np.uint64),
-            np.array(
-                [teacher_key(seed, name, session) for seed in seeds for name in self._names or ("",)],
-                dtype=np.uint64,
-            ),
-            np.concatenate([self.tables.draw_starts(seed).starts(episodes) for seed in seeds]),
+        teachers = [teacher_key(seed, name, session) for seed in seeds for name in self._names or ("",)]
+        column = self._column
+        return Lanes(
+            len(seeds),
+            column(np.array([each.ties for each in draws], dtype=words)),
+            column(np.array([each.explore for each in draws], dtype=words)),
+            column(np.array(teachers, dtype=words)),
+            column(self.tables.starts_of(seeds, self._config.episodes).reshape(-1)),
+            column(np.array([stream(seed, "greedy", session) for seed in seeds], dtype=words)),
+            column(self._trials(seeds)),
         )
-        return Lanes(len(seeds), *(column if self._fast else column.tolist() for column in columns))
+
+    def _trials(self, seeds: Sequence[int]) -> npt.NDArray[np.int32]:
+        if not self._checkpoints:
+            return np.zeros(0, dtype=np.int32)
+        return np.concatenate([self.tables.draw_starts(seed).ids for seed in seeds])
+
+    def _zeros(self, count: int) -> Any:  # noqa: ANN401 - a list or an array
+        return np.zeros(count) if self._fast else [0.0] * count
+
+    def _column(self, numbers: npt.NDArray[Any]) -> Any:  # noqa: ANN401 - a list or an array
+        return numbers if self._fast else numbers.tolist()
 
     def digest(self) -> str:
         """Return the digest of what the latest session learnt."""
@@ -162,12 +187,14 @@ class Batch:
         """Return the share of states from which the latest session's policy alone solves the level."""
         key_word = np.uint64(key) if self._fast else key
         share: float = self._greedy(
-            self._world, self._memory, self._parameters, self._listed_ints(states), key_word, steps_max
+            self._world,
+            self._memory,
+            self._parameters,
+            self._column(np.array(states, dtype=np.int32)),
+            key_word,
+            steps_max,
         )
         return share
-
-    def _listed_ints(self, numbers: Sequence[int]) -> Any:  # noqa: ANN401 - a list or an array
-        return np.array(numbers, dtype=np.int32) if self._fast else [int(number) for number in numbers]
 
 
 def run_batch(
@@ -205,13 +232,13 @@ def episode_measures(episode: int, row: Sequence[float]) -> EpisodeMeasures:
 
 
 def blank_memory(
-    method: Method, states: int, actions: int, steps_max: int, listed: Callable[[list[float]], Any]
+    method: Method, states: int, actions: int, steps_max: int, zeros: Callable[[int], Any]
 ) -> Memory:
     """Return a learner's memory of a table world before its first step."""
     return Memory(
-        listed([0.0] * (states * method.width(actions))),
-        listed([0.0] * method.scalars),
-        listed([0.0] * (steps_max * method.trail)),
+        zeros(states * method.width(actions)),
+        zeros(method.scalars),
+        zeros(steps_max * method.trail),
         actions,
         method.width(actions),
     )
@@ -219,12 +246,13 @@ def blank_memory(
 
 @lru_cache(maxsize=64)
 def _kernels(method: Method, *, fast: bool) -> tuple[Callable[..., int], Callable[..., float]]:
-    parts = {
+    parts: dict[str, Callable[..., Any]] = {
         "choose": method.choose,
         "settle": method.settle,
         "learn": method.learn,
         "begin": method.begin,
         "undo": method.undo,
+        "prefer": method.prefer,
     }
     if not fast:
         return linked(run_lanes, parts), linked(greedy_share, {"prefer": method.prefer})
@@ -238,20 +266,16 @@ def _kernels(method: Method, *, fast: bool) -> tuple[Callable[..., int], Callabl
 def _lane_world(tables: WorldTables, steps_max: int, *, fast: bool) -> LaneWorld:
     words = [state_word(key) for key in tables.state_keys]
     words += [0] * (tables.n_states - len(words))
-    columns = (
-        tables.successor.reshape(-1),
-        tables.reward.reshape(-1),
-        tables.outcome,
-        tables.optimal_steps,
-        tables.optimal_mask.astype(np.int64),
-        np.array(words, dtype=np.uint64),
+
+    def column(numbers: npt.NDArray[Any]) -> Any:  # noqa: ANN401 - a list or an array
+        return numbers if fast else numbers.tolist()
+
+    return LaneWorld(
+        column(tables.successor.reshape(-1)),
+        column(tables.reward.reshape(-1)),
+        column(tables.outcome),
+        column(tables.optimal_steps),
+        column(tables.optimal_mask.astype(np.int64)),
+        column(np.array(words, dtype=np.uint64)),
+        steps_max,
     )
-    return LaneWorld(*(column if fast else column.tolist() for column in columns), steps_max)
-
-
-def _arrays(numbers: list[float]) -> npt.NDArray[np.float64]:
-    return np.array(numbers, dtype=np.float64)
-
-
-def _lists(numbers: list[float]) -> list[float]:
-    return list(numbers)

@@ -8,14 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from sfid_core.experiments.batch import Batch
-from sfid_core.experiments.lane import MEASURES, OUTCOMES
+from sfid_core.experiments.lane_world import MEASURES, OUTCOMES
 from sfid_core.experiments.summary import Arm, Measure
 from sfid_core.learning.parameters import as_written
 from sfid_core.session.config import SessionConfig
 from sfid_core.teaching.kernels import TeacherParameters
 
 Results = npt.NDArray[np.float64]
-"""float64 [seeds, episodes, COLUMNS]; columns as `lane.MEASURES`."""
+"""float64 [seeds, episodes, COLUMNS]; columns as `lane_world.MEASURES`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,10 +45,12 @@ class Condition:
 
 
 def column(results: Results, name: str) -> npt.NDArray[np.float64]:
-    """Return one of `lane.MEASURES` or "solved" (1 or 0): float64 [seeds, episodes]."""
+    """Return one of `lane_world.MEASURES` or "solved" (1 or 0): float64 [seeds, episodes]."""
     if name == "solved":
-        return (results[:, :, MEASURES.index("outcome")] == OUTCOMES.index("solved")).astype(np.float64)
-    return results[:, :, MEASURES.index(name)]
+        outcomes: npt.NDArray[np.float64] = results[:, :, MEASURES.index("outcome")]
+        return np.equal(outcomes, OUTCOMES.index("solved")).astype(np.float64)
+    found: npt.NDArray[np.float64] = results[:, :, MEASURES.index(name)]
+    return found
 
 
 def arm_of(condition: Condition, results: Results) -> Arm:

@@ -3,7 +3,7 @@
 A kernel reads them by name, compiled or not; a configuration gives them by name, choices as words.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar, get_type_hints
 
@@ -71,7 +71,8 @@ def parameters_of(kind: type[Numbers], given: Mapping[str, Value], where: str) -
             message = f"{where} has no parameter {name!r}: it has {', '.join(allowed)}"
             raise ParameterError(message)
         numbers[name] = _number(name, value, allowed[name], kind._field_defaults[name])
-    return kind(**numbers)
+    make: Callable[..., Numbers] = kind
+    return make(**numbers)
 
 
 def as_written(parameters: tuple[float, ...]) -> dict[str, Value]:
