@@ -174,6 +174,8 @@ class Handed:
 
     decision: int
     state: bytes
+    asked: str
+    """What was asked: a decision can have two questions."""
     payload: bytes
 
 
@@ -271,7 +273,8 @@ def _closed(folded: FoldedCrowd, record: Record, numbers: dict[str, int], _witho
     if row.handed:
         message = decode(row.handed, Answer)
         noted = answer_given(message, numbers).answer
-        folded.handed.append(Handed(message.decision, message.state, row.handed))
+        asked = "" if folded.asked is None else folded.asked.asked
+        folded.handed.append(Handed(message.decision, message.state, asked, row.handed))
     if noted != answer:
         folded.mismatches.append(row.decision)
 
@@ -284,7 +287,7 @@ def _reliability(
     if row.worker in without:
         return
     if reliability_row(kind, row.worker, folded.crowd.aggregate(kind).reliability(row.worker)) != row:
-        folded.mismatches.append(max(folded.crowd.closed, default=0))
+        folded.mismatches.append(max((known[0] for known in folded.crowd.closed), default=0))
 
 
 def _nothing(

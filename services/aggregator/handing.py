@@ -21,6 +21,7 @@ def handed_answer(said: Said, asked: AskedRow, live: LiveCrowd, answer_id: bytes
         kind=said.kind.value,
         action=None if said.action is None else actions[said.action],
         reward=said.reward,
+        guidance=tuple(actions[action] for action in said.guidance),
         posterior=dict(zip(actions, said.posterior, strict=True)) if said.posterior else None,
         response_ms=response_ms,
     )

@@ -64,9 +64,9 @@ class LiveCrowd:
         return () if self.config is None else self.config.actions
 
     def was_handed(self, decision: Decision) -> bool:
-        """Tell whether the crowd has given its answer to this decision."""
-        key = decision.decision, decision.state
-        return any((handed.decision, handed.state) == key for handed in self.handed)
+        """Tell whether the crowd has given its answer to this question."""
+        key = decision.decision, decision.state, decision.asked
+        return any((handed.decision, handed.state, handed.asked) == key for handed in self.handed)
 
 
 def shown(live: LiveCrowd, decision: Decision, epoch: int, at_ns: int) -> Decision:

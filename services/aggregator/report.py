@@ -31,7 +31,7 @@ class Reporter:
             live.answered_last.pop(worker, None)
             live.answered_last[worker] = None
         crowd = live.crowd
-        if crowd is not None and concluded.conclusion is not None:
+        if crowd is not None and concluded.conclusion is not None and concluded.conclusion.posterior:
             if crowd.conclusions & (crowd.conclusions - 1) == 0:  # 1, 2, 4, 8 ...: a bounded number of rows
                 self.note(live)
             live.report = _report(live, concluded, message, self._aggregator.shard.epoch, at_ns)

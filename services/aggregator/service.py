@@ -58,7 +58,7 @@ UPSTREAM_TICK_MS = 100
 ANNOUNCE_MS = 200
 """How long a change of who is there may wait to be told: 200 who join at once are one announcement."""
 RELAY_TIMEOUT_MS = 5_000
-_AGGREGATED = {"label": AnswerKind.LABEL, "reward": AnswerKind.REWARD}
+_AGGREGATED = {kind.value: kind for kind in (AnswerKind.LABEL, AnswerKind.REWARD, AnswerKind.GUIDANCE)}
 _CHANCE = secrets.SystemRandom()
 
 
@@ -228,7 +228,7 @@ class Aggregator:
         kind = _AGGREGATED.get(decision.asked) if decision.phase == "asking" else None
         open_round = crowd.round
         if open_round is not None and (
-            kind is None or open_round.asked[:2] != (decision.decision, decision.state)
+            kind is None or open_round.asked[:3] != (decision.decision, decision.state, kind)
         ):
             self.close(live, Cause.OVERTAKEN, tell=False)
         if decision.phase == "finished" and not live.finished:
@@ -343,7 +343,7 @@ class Aggregator:
             response_ms = max(0, at_ns - concluded.round.opened_at_ns) // 1_000_000
             answer_id = self._chance.randbytes(16)
             message = handed_answer(concluded.answer, asked, live, answer_id, response_ms)
-            live.handed.append(Handed(message.decision, message.state, encode(message)))
+            live.handed.append(Handed(message.decision, message.state, asked.asked, encode(message)))
             self.loop.after_commit(lambda: self._hand_on(live, message))
         row = ClosedRow(
             concluded.round.asked.decision, concluded.cause.value, len(concluded.round.answers),

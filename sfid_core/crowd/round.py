@@ -6,7 +6,9 @@ first. A quorum of 0 is everybody present: who leaves is not waited for. A learn
 one by the first answer and the crowd's patience, so nobody who stays silent holds up the others.
 Rule 3: answers that all abstain, that tie, or that leave the best action below `abstain_below` are handed on
 as an abstention; a round without any answer hands on nothing.
-Rule 4: every closing is an event, so a journal of events builds the same reliabilities, with or without
+Rule 4: labels and rewards are weighed by whom the crowd has learnt to believe; of guidance the actions count
+that more than half of those who guide name.
+Rule 5: every closing is an event, so a journal of events builds the same reliabilities, with or without
 somebody's answers in it.
 
     no round --asked--> open --answers; quorum, deadline or overtaken: closed--> no round
@@ -22,6 +24,7 @@ from sfid_core.crowd.settings import CrowdSettings
 from sfid_core.learning.parameters import ParameterError
 from sfid_core.session.effects import AnswerCode
 from sfid_core.teaching.answers import Answer, AnswerKind
+from sfid_core.teaching.merge import merge_guidance
 
 ROUNDS_KEPT = 16
 """Closed rounds whose deadline is remembered, to tell superseded answers from late ones."""
@@ -78,7 +81,10 @@ class MemberLeft(NamedTuple):
 
 
 class Asked(NamedTuple):
-    """The learner asks; the same decision again changes only the time that is left."""
+    """The learner asks; the same question again changes only the time that is left.
+
+    A decision has two questions where teachers are asked before and after the action.
+    """
 
     decision: int
     state: bytes
@@ -174,8 +180,8 @@ class Crowd:
     """How many actions the session has."""
     members: set[str] = field(default_factory=set)
     round: Round | None = None
-    closed: dict[int, int | None] = field(default_factory=dict)
-    """Deadlines of the latest closed rounds by decision."""
+    closed: dict[tuple[int, AnswerKind], int | None] = field(default_factory=dict)
+    """Deadlines of the latest closed rounds by decision and what was asked."""
     conclusions: int = 0
     """Rounds that were learnt from."""
     aggregates: dict[AnswerKind, OnlineAggregate] = field(default_factory=dict)
@@ -207,10 +213,16 @@ def _left(crowd: Crowd, _at_ns: int, event: MemberLeft) -> tuple[Effect, ...]:
 
 def _asked(crowd: Crowd, at_ns: int, event: Asked) -> tuple[Effect, ...]:
     open_round = crowd.round
-    if open_round is None or (open_round.asked.decision, open_round.asked.state) != event[:2]:
+    if open_round is None or open_round.asked[:3] != event[:3]:
         crowd.round = open_round = Round(event, at_ns)
-        for decision in [known for known in crowd.closed if known >= event.decision]:
-            del crowd.closed[decision]  # a learner that was killed asks again what it had not kept
+        # A learner that was killed asks again what it had not kept.
+        again = [
+            known
+            for known in crowd.closed
+            if known == (event.decision, event.kind) or known[0] > event.decision
+        ]
+        for known in again:
+            del crowd.closed[known]
     else:
         # What the optimal actions are was settled when the round opened.
         open_round.asked = event._replace(optimal=open_round.asked.optimal, gold=open_round.asked.gold)
@@ -233,7 +245,8 @@ def _set_deadline(settings: RoundSettings, open_round: Round, at_ns: int) -> Non
 
 def _answered(crowd: Crowd, at_ns: int, event: Answered) -> tuple[Effect, ...]:
     open_round = crowd.round
-    if open_round is None or event.decision != open_round.asked.decision:
+    earlier = (event.decision, event.answer.kind) in crowd.closed
+    if open_round is None or event.decision != open_round.asked.decision or earlier:
         return (_not_open(crowd, at_ns, event),)
     reason = _why_rejected(open_round.asked, event)
     if reason:
@@ -246,10 +259,11 @@ def _answered(crowd: Crowd, at_ns: int, event: Answered) -> tuple[Effect, ...]:
 
 def _not_open(crowd: Crowd, at_ns: int, event: Answered) -> Acknowledged:
     open_round = crowd.round
-    newest = max(crowd.closed, default=-1) if open_round is None else open_round.asked.decision
-    if event.decision > newest:
+    newest = max((known[0] for known in crowd.closed), default=-1)
+    if event.decision > (newest if open_round is None else open_round.asked.decision):
         return Acknowledged(event.answer_id, AnswerCode.REJECTED, "that decision is not open yet")
-    deadline_ns = crowd.closed.get(event.decision, 0)
+    deadlines = [deadline_ns for known, deadline_ns in crowd.closed.items() if known[0] == event.decision]
+    deadline_ns = crowd.closed.get((event.decision, event.answer.kind), deadlines[-1] if deadlines else 0)
     in_time = deadline_ns is None or at_ns <= deadline_ns
     return Acknowledged(event.answer_id, AnswerCode.SUPERSEDED if in_time else AnswerCode.LATE)
 
@@ -282,9 +296,9 @@ def _closed(crowd: Crowd, _at_ns: int, event: Closed) -> tuple[Effect, ...]:
     if open_round is None:
         return ()
     crowd.round = None
-    crowd.closed[open_round.asked.decision] = open_round.deadline_ns
+    crowd.closed[open_round.asked.decision, open_round.asked.kind] = open_round.deadline_ns
     if len(crowd.closed) > ROUNDS_KEPT:
-        del crowd.closed[min(crowd.closed)]
+        del crowd.closed[next(iter(crowd.closed))]
     conclusion = _concluded(crowd, open_round)
     silent = conclusion is None or event.cause is Cause.OVERTAKEN
     answer = (
@@ -298,6 +312,8 @@ def _concluded(crowd: Crowd, over: Round) -> Conclusion | None:
     if not over.answers:
         return None
     asked = over.asked
+    if asked.kind is AnswerKind.GUIDANCE:  # sets of actions: a vote each, and nobody's reliability is learnt
+        return Conclusion((), None, {})
     aggregate = crowd.aggregate(asked.kind)
     labels = {worker: _class_of(over.answers[worker]) for worker in sorted(over.answers)}
     conclusion = aggregate.conclude(labels)
@@ -320,6 +336,10 @@ def _class_of(answer: Answer) -> int | None:
 
 def _answer(asked: Asked, answers: Mapping[str, Answer], conclusion: Conclusion) -> Answer:
     posterior = conclusion.posterior
+    if asked.kind is AnswerKind.GUIDANCE:
+        bits = merge_guidance(answers.values())
+        named = tuple(action for action in range(bits.bit_length()) if bits >> action & 1)
+        return Answer(AnswerKind.GUIDANCE, guidance=named) if named else Answer(AnswerKind.ABSTAIN)
     if asked.kind is AnswerKind.REWARD:
         if conclusion.action is None:
             return Answer(AnswerKind.ABSTAIN)

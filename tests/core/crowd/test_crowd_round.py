@@ -226,7 +226,7 @@ def test_deadlines_of_a_bounded_number_of_rounds_are_remembered() -> None:
     for number in range(100):
         advance(made, 0, asked(number))
         closed(made, Cause.DEADLINE)
-    assert sorted(made.closed) == list(range(100 - ROUNDS_KEPT, 100))
+    assert [decision for decision, _ in made.closed] == list(range(100 - ROUNDS_KEPT, 100))
 
 
 def test_a_learner_that_was_killed_asks_again_what_it_had_not_kept() -> None:
@@ -236,7 +236,7 @@ def test_a_learner_that_was_killed_asks_again_what_it_had_not_kept() -> None:
         closed(made, Cause.DEADLINE)
     advance(made, 0, asked(5))
     assert says(made, "ann", label(UP), number=5) == (accepted("ann"), Due(Cause.QUORUM))
-    assert sorted(made.closed) == [4]
+    assert [decision for decision, _ in made.closed] == [4]
 
 
 def test_gold_measures_by_the_truth_whatever_the_crowd_came_to() -> None:
@@ -295,6 +295,42 @@ def test_a_reward_of_nothing_is_an_abstention() -> None:
     says(made, "ann", Answer(AnswerKind.REWARD, UP, 0.0))
     concluded = closed(made)
     assert (concluded.answer, made.conclusions) == (ABSTAIN, 0)
+
+
+def guides(*actions: int) -> Answer:
+    return Answer(AnswerKind.GUIDANCE, guidance=actions)
+
+
+@pytest.mark.parametrize(
+    "said,handed",
+    [
+        ((guides(LEFT, UP), guides(UP), guides(UP, DOWN)), guides(UP)),
+        ((guides(LEFT, UP), guides(UP, LEFT), guides(DOWN)), guides(LEFT, UP)),
+        ((guides(LEFT), guides(UP), guides(DOWN)), ABSTAIN),
+        ((ABSTAIN, ABSTAIN, guides(UP)), guides(UP)),
+    ],
+)
+def test_guidance_is_what_more_than_half_of_those_who_guide_name(
+    said: tuple[Answer, ...], handed: Answer
+) -> None:
+    made = crowd("ann", "bob", "cat")
+    advance(made, 0, asked(kind=AnswerKind.GUIDANCE))
+    for worker, answer in zip(("ann", "bob", "cat"), said, strict=True):
+        says(made, worker, answer)
+    assert closed(made).answer == handed
+    assert made.aggregates == {}
+
+
+def test_a_decision_that_is_asked_before_and_after_the_action_has_two_rounds() -> None:
+    made = crowd("ann", "bob")
+    advance(made, 0, asked(kind=AnswerKind.GUIDANCE, remaining_ms=1000))
+    says(made, "ann", guides(UP))
+    closed(made)
+    advance(made, 10 * MS, asked(kind=AnswerKind.REWARD, judged=UP))
+    late = says(made, "bob", guides(UP), at_ms=10)
+    in_time = says(made, "ann", Answer(AnswerKind.REWARD, UP, 1.0), at_ms=10)
+    assert late == (Acknowledged(b"bob", AnswerCode.SUPERSEDED),)
+    assert in_time == (accepted("ann"),)
 
 
 def test_closing_nothing_changes_nothing() -> None:

@@ -184,6 +184,22 @@ def test_a_crowd_that_is_asked_for_rewards_gives_one(tmp_path: Path) -> None:
     assert room.steps[0].h == pytest.approx(1 / 3)
 
 
+def test_a_crowd_guides_before_the_action_and_rewards_it_after(crowd_room: CrowdRoom) -> None:
+    crowd_room.create(session(method="guidance"))
+    ann, bob = crowd_room.members("ann", "bob")
+    asked = [crowd_room.asked.asked]
+    ann.say(kind="guidance", guidance=("LEFT", "UP"))
+    bob.say(kind="guidance", guidance=("UP",))
+    asked.append(crowd_room.asked.asked)
+    for member in (ann, bob):
+        member.say(kind="reward", action=crowd_room.asked.action, reward=1.0)
+    handed = [(one.decision, one.kind, one.guidance) for one in crowd_room.learner_answers()]
+    assert asked == ["guidance", "reward"]
+    assert handed == [(0, "guidance", ("UP",)), (0, "reward", ())]
+    assert [step.decision for step in crowd_room.steps] == [0]
+    assert crowd_room.folded().mismatches == []
+
+
 def test_reliabilities_with_their_standard_errors_reach_the_monitor(tmp_path: Path) -> None:
     room = room_of(tmp_path, solver=False)
     room.create()
