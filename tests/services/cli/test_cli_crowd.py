@@ -2,6 +2,7 @@
 
 import csv
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,14 @@ from tests.core.crowd.crowds import DATA
 from tests.services.cli.command_line import sfid
 
 HEADER = "task,worker,label\n"
-LABELS = HEADER + "".join(
-    f"t{task},{worker},{label}\n"
-    for task in range(30)
-    for worker, label in zip(("ann", "bob", "cid"), ("gut, ja", "gut, ja", "né"), strict=True)
-).replace("gut, ja", '"gut, ja"')
-TRUTH = "task,label\n" + "".join(f't{task},"gut, ja"\n' for task in range(30))
+YES, NO = "gut, ja", "né"
+RIGHT = {f"t{task}": (YES, NO)[task % 2] for task in range(30)}
+
+
+def written(path: Path, header: str, rows: Sequence[tuple[str, ...]]) -> Path:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file).writerows([header.strip().split(","), *rows])
+    return path
 
 
 def aggregate(path: Path, *arguments: str) -> dict[str, Any]:
@@ -32,16 +35,18 @@ def aggregate(path: Path, *arguments: str) -> dict[str, Any]:
 
 @pytest.fixture
 def labels(tmp_path: Path) -> Path:
-    path = tmp_path / "labels.csv"
-    path.write_text(LABELS, encoding="utf-8")
-    return path
+    """Thirty tasks labelled rightly by ann and bob, and by cid the other way round."""
+    rows = [
+        (task, worker, right if worker != "cid" else {YES: NO, NO: YES}[right])
+        for task, right in RIGHT.items()
+        for worker in ("ann", "bob", "cid")
+    ]
+    return written(tmp_path / "labels.csv", HEADER, rows)
 
 
 @pytest.fixture
 def truth(tmp_path: Path) -> Path:
-    path = tmp_path / "truth.csv"
-    path.write_text(TRUTH, encoding="utf-8")
-    return path
+    return written(tmp_path / "truth.csv", "task,label", list(RIGHT.items()))
 
 
 @pytest.mark.real
@@ -60,7 +65,7 @@ def test_every_method_answers_every_task_and_rates_every_worker(
         0,
         0,
     )
-    assert document["labels"] == {f"t{task}": "gut, ja" for task in range(30)}
+    assert document["labels"] == RIGHT
     assert [row["worker"] for row in document["workers"]] == ["ann", "bob", "cid"]
     reliability = {row["worker"]: row["reliability"] for row in document["workers"]}
     assert reliability["ann"] == reliability["bob"] > 0.8
