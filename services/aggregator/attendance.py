@@ -45,7 +45,7 @@ class Attendance:
         self._expect(frozenset({(live.name, worker)}))
 
     def expect_all(self) -> None:
-        """Let those go who were members before a restart and do not come back."""
+        """Let those go who were members before a restart and do not come back; leave what is empty then."""
         crowds = self._aggregator.crowds.values()
         self._expect(
             frozenset(
@@ -55,6 +55,9 @@ class Attendance:
                 for worker in live.crowd.members
             )
         )
+        aggregator = self._aggregator
+        for live in tuple(crowds):
+            aggregator.loop.call_later(aggregator.config.members_gone_ms, aggregator.stay_or_leave, live)
 
     def _expect(self, places: Places) -> None:
         aggregator = self._aggregator

@@ -291,9 +291,9 @@ class Aggregator:
         if joined:
             live.known.add(event.worker)
         self.perform(live, effects, hurry=False)
-        self._stay_or_leave(live)
+        self.stay_or_leave(live)
 
-    def _stay_or_leave(self, live: LiveCrowd) -> None:
+    def stay_or_leave(self, live: LiveCrowd) -> None:
         """Be the learner's teacher while anybody is in the crowd: an empty one holds nobody up."""
         empty = live.crowd is None or not live.crowd.members
         live.leaving = empty and live.upstream.present

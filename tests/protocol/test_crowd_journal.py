@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.codec import DecodeError, encode, pack
+from protocol.codec import DecodeError, decode, encode, pack
+from protocol.crowd_forget import corrected_answers
 from protocol.crowd_journal import (
     AskedRow,
     ClosedRow,
@@ -116,6 +117,27 @@ def test_an_erased_answer_leaves_the_rest_to_be_folded() -> None:
     assert erased is not None
     assert without is not None
     assert [answer for _, answer in erased.closings] == [answer for _, answer in without.closings]
+
+
+def test_forgetting_a_worker_corrects_what_was_handed_on_under_the_same_id() -> None:
+    said = (answer("ann", "UP"), answer("bob", "DOWN"), answer("cat", "UP"))
+    shares = {"LEFT": 0.0, "RIGHT": 0.0, "UP": 2 / 3, "DOWN": 1 / 3}
+    journal = rows(*said, closed=ClosedRow(0, "quorum", 3, tuple(shares.values()), handed("UP", **shares)))
+    (corrected,) = corrected_answers(journal, {"cat"})
+    tie = {"LEFT": 0.0, "RIGHT": 0.0, "UP": 0.5, "DOWN": 0.5}
+    assert corrected.before == decode(handed("UP", **shares), Answer)
+    assert corrected.after == msgspec.structs.replace(
+        corrected.before, kind="abstain", action=None, posterior=tie
+    )
+
+
+def test_forgetting_everybody_takes_back_what_was_handed_on() -> None:
+    journal = rows(*THREE, closed=CLOSED)
+    assert [one.after for one in corrected_answers(journal, {"ann", "bob", "cat"})] == [None]
+
+
+def test_forgetting_nobody_corrects_nothing() -> None:
+    assert list(corrected_answers(rows(*THREE, closed=CLOSED), ())) == []
 
 
 def test_no_rows_are_no_crowd() -> None:

@@ -7,7 +7,7 @@ from protocol.messages import Acknowledgement, Refusal
 from services.runtime.journal import JournalFull, Shard, verify
 from sfid_core.teaching.answers import AnswerKind
 from tests.services.aggregator.crowd_room import CROWD_KEYS, CrowdRoom
-from tests.services.learner.classroom import session
+from tests.services.learner.classroom import Pupil, session
 
 MIX = ("UP", "UP", "LEFT", "DOWN", "RIGHT")
 NAMES = ("ann", "bob", "cat")
@@ -96,6 +96,20 @@ def test_an_aggregator_that_is_restarted_with_its_members_gone_lets_them_go(crow
     assert crowd_room.asked.decision == 0  # bob may only be cut off
     crowd_room.pass_time(5_000)
     assert crowd_room.asked.decision == 1
+
+
+def test_a_crowd_that_was_empty_before_a_restart_holds_nobody_up_after_it(crowd_room: CrowdRoom) -> None:
+    crowd_room.create()
+    (ann,) = crowd_room.members("ann")
+    tom = Pupil(crowd_room, "tom")
+    tom.join()
+    ann.leave()
+    crowd_room.pass_time(100)
+    crowd_room.kill_aggregator()
+    crowd_room.start_aggregator()
+    crowd_room.pass_time(5_000)
+    crowd_room.pass_time(100)
+    assert crowd_room.present() == ("tom",)
 
 
 def test_a_learner_that_is_killed_finds_its_crowd_again(crowd_room: CrowdRoom) -> None:
