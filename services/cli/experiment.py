@@ -1,39 +1,37 @@
 """`sfid experiment figure2|...`: compare methods and teachers over many seeds."""
 
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from services.cli.failure import CommandError
-from services.cli.levels import find_level
+from services.cli import experiment_learners
+from services.cli.experiment_shared import (
+    Out,
+    Plain,
+    Seeds,
+    Workers,
+    print_findings,
+    progress,
+    seed_range,
+    world_spec,
+)
 from services.cli.options import Json, Level, Seed, Starts, print_json
-from services.cli.session import SEED_MAX
 from sfid_core.experiments.summary import ArmSummary, Measure
-from sfid_core.session.config import WorldSpec
 
 experiment_app = typer.Typer(
     help="Compare methods and teachers over many seeds.", no_args_is_help=True, rich_markup_mode=None
 )
-Seeds = Annotated[int, typer.Option(help="Number of seeds; all conditions share them.")]
-Workers = Annotated[int, typer.Option(help="Threads (or processes without numba); 0: one a core.")]
-Out = Annotated[
-    Path | None,
-    typer.Option(help="Folder for tables, figures, the recording and finished chunks (an interrupted run "
-                 "with the same folder goes on)."),
-]  # fmt: skip
-Plain = Annotated[bool, typer.Option("--no-compile", help="Run without the compiler; the results are equal.")]
 
 
 def add_to(app: typer.Typer) -> None:
     """Add the experiments."""
+    experiment_learners.add_to(experiment_app)
     app.add_typer(experiment_app, name="experiment")
 
 
@@ -88,10 +86,7 @@ def figure2(
         return
     console = Console()
     console.print(arm_table(summaries))
-    for claim in claims:
-        console.print(claim.line(), highlight=False)
-    for path in files:
-        console.print(f"wrote {path}", highlight=False)
+    print_findings(console, claims, files)
 
 
 def arm_table(summaries: Sequence[ArmSummary]) -> Table:
@@ -114,30 +109,3 @@ def arm_table(summaries: Sequence[ArmSummary]) -> Table:
             f"{summary.totals['labels_to_agreement'][0]:.0f} inputs",
         )
     return table
-
-
-def seed_range(first: int, count: int) -> list[int]:
-    """Return the seeds first, first + 1, ...; raise with the mend when there are too few or too many."""
-    if not 1 <= count <= 1_000_000:
-        message = f"seeds {count} is outside 1 to 1,000,000: intervals need 10 and more"
-        raise CommandError(message)
-    if not 0 <= first <= SEED_MAX - count:
-        message = f"seed {first} is outside 0 to 2^53-1 less the number of seeds: choose another"
-        raise CommandError(message)
-    return list(range(first, first + count))
-
-
-def world_spec(level: str, starts: str) -> WorldSpec:
-    """Return the world of an experiment: the level by name or file, our rewards."""
-    title, found = find_level(level)
-    return WorldSpec(found.to_xsb(), title, starts)
-
-
-@contextmanager
-def progress(what: str) -> Iterator[Any]:
-    """Yield a function that shows how much is done, on a terminal and on stderr alone."""
-    console = Console(stderr=True)
-    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
-        task = shown.add_task(what)
-        yield lambda done, total: shown.update(task, completed=done, total=total)

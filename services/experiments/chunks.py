@@ -30,7 +30,7 @@ class ChunkStore:
             return None
         with suppress(OSError, ValueError, EOFError):
             kept: Results = np.load(self._path(self._folder, condition, seeds), allow_pickle=False)
-            if kept.shape[:2] == (len(seeds), condition.config.episodes):
+            if kept.shape[:2] == (len(seeds), condition.rows):
                 return kept
         return None
 

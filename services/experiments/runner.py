@@ -42,7 +42,7 @@ class _Task(NamedTuple):
 def run_conditions(
     conditions: Sequence[Condition], seeds: Sequence[int], config: RunnerConfig, progress: Progress
 ) -> list[Results]:
-    """Run every condition over every seed; return each condition's float64 [seeds, episodes, COLUMNS].
+    """Run every condition over every seed; return each condition's results over all seeds.
 
     Raises: ParameterError, LevelError, WorldError.
     """
@@ -92,7 +92,7 @@ _prepared = local()
 
 
 def _run_chunk(condition: Condition, seeds: tuple[int, ...], fast: bool) -> Results:  # noqa: FBT001 - crosses processes
-    return _batch(condition, fast=fast).run(seeds)
+    return condition.run(_batch(condition, fast=fast), seeds)
 
 
 def _batch(condition: Condition, *, fast: bool) -> Batch:

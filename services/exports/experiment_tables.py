@@ -38,6 +38,12 @@ MEASURES = {
 }
 
 TOTALS = {
+    "abs_td_error_sum": Column(
+        "abs_td_error_sum",
+        Kind.NUMBER,
+        "Sum over an episode's steps of the error without the teacher, in the mean over the episodes.",
+        "reward",
+    ),
     "inputs_total": Column("inputs_total", Kind.WHOLE, "Answers applied in the whole run.", "answers"),
     "teaching_time_s": Column(
         "teaching_time_s", Kind.NUMBER, "Simulated time that the teacher spent on the whole run.", "s"

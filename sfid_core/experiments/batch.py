@@ -46,6 +46,8 @@ from sfid_core.teaching.kernels import TEACHER_SCALARS, TeacherMemory, TeacherPa
 from sfid_core.teaching.merge import NOWHERE, ONE_HOT
 from sfid_core.teaching.simulated import state_word, teacher_key
 
+TRIALS_MAX = 1000
+"""Starts from which the greedy policy is tried; of more, evenly spaced ones."""
 _ASKS = {
     None: ASK_NOTHING,
     AnswerKind.LABEL: ASK_LABEL,
@@ -82,7 +84,7 @@ class Batch:
     Args: config: the session; its seed is replaced by those that are run; teachers: by the name under which
     they would join; fast: compile the kernels (the default where numba is installed);
     tables: those of the session's world, where they have been made before; checkpoints: episodes, ascending,
-    after which the greedy policy is tried from every start of the seed.
+    after which the greedy policy is tried from the starts of the seed, `TRIALS_MAX` at most.
     Raises: ParameterError, LevelError, WorldError.
     """
 
@@ -127,7 +129,7 @@ class Batch:
     def run_checked(self, seeds: Sequence[int]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """Run one session a seed; return what `run` does, and the success at the checkpoints.
 
-        Returns also: float64 [seeds, checkpoints], the share of a seed's starts from which the policy alone
+        Returns also: float64 [seeds, checkpoints], the share of a seed's trials from which the policy alone
         solves the level within the step cap.
         """
         config = self._config
@@ -170,7 +172,8 @@ class Batch:
     def _trials(self, seeds: Sequence[int]) -> npt.NDArray[np.int32]:
         if not self._checkpoints:
             return np.zeros(0, dtype=np.int32)
-        return np.concatenate([self.tables.draw_starts(seed).ids for seed in seeds])
+        drawn = [self.tables.draw_starts(seed).ids for seed in seeds]
+        return np.concatenate([ids[:: -(-len(ids) // TRIALS_MAX)] for ids in drawn])
 
     def _zeros(self, count: int) -> Any:  # noqa: ANN401 - a list or an array
         return np.zeros(count) if self._fast else [0.0] * count

@@ -1,21 +1,26 @@
 """What an experiment compares: a session's configuration under simulated teachers, over seeds."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from hashlib import sha256
 
 import numpy as np
 import numpy.typing as npt
 
-from sfid_core.experiments.batch import Batch
+from sfid_core.experiments.batch import Batch, world_of
 from sfid_core.experiments.lane_world import MEASURES, OUTCOMES
 from sfid_core.experiments.summary import Arm, Measure
 from sfid_core.learning.parameters import as_written
-from sfid_core.session.config import SessionConfig
+from sfid_core.session.config import SessionConfig, WorldSpec
+from sfid_core.sokoban.live import WorldTables, tabulate
 from sfid_core.teaching.kernels import TeacherParameters
 
 Results = npt.NDArray[np.float64]
-"""float64 [seeds, episodes, COLUMNS]; columns as `lane_world.MEASURES`."""
+"""float64 [seeds, episodes, COLUMNS], columns as `lane_world.MEASURES`; of a condition with checkpoints
+[seeds, checkpoints, 3], columns as `CHECKED`."""
+CHECKED = ("success", "inputs", "steps")
+"""At a checkpoint: the share of starts that the greedy policy solves, the answers and steps until then."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,22 +31,52 @@ class Condition:
     """How the teachers are called in results."""
     config: SessionConfig
     teachers: Mapping[str, TeacherParameters]
+    checkpoints: tuple[int, ...] = ()
+    """Episodes, ascending, after which the greedy policy is tried; none: all episodes' measures are kept."""
+    label: str = ""
+    """How the method is called in results, where it is not its name: a variant of it."""
 
     @property
     def method(self) -> str:
-        """Return the method's name."""
-        return self.config.method
+        """Return how the method is called in results."""
+        return self.label or self.config.method
+
+    @property
+    def rows(self) -> int:
+        """Return the number of rows a seed of its results."""
+        return len(self.checkpoints) or self.config.episodes
 
     @property
     def digest(self) -> str:
         """Return the hex SHA-256 of everything but the seed that the results depend on."""
         teachers = {name: as_written(one) for name, one in sorted(self.teachers.items())}
-        told = (replace(self.config, seed=0), as_written(self.config.method_parameters), teachers)
+        told = (
+            replace(self.config, seed=0),
+            as_written(self.config.method_parameters),
+            teachers,
+            self.checkpoints,
+        )
         return sha256(repr(told).encode()).hexdigest()
 
     def batch(self, *, fast: bool | None = None) -> Batch:
         """Return the condition, ready to run; raises ParameterError, LevelError, WorldError."""
-        return Batch(self.config, self.teachers, fast=fast)
+        tables = _tables(replace(self.config.world, level_name=""))
+        return Batch(self.config, self.teachers, fast=fast, tables=tables, checkpoints=self.checkpoints)
+
+    def run(self, batch: Batch, seeds: Sequence[int]) -> Results:
+        """Return the results of some seeds; `batch` is the condition's."""
+        results, success = batch.run_checked(seeds)
+        if not self.checkpoints:
+            return results
+        last = [episodes - 1 for episodes in self.checkpoints]
+        sums = [np.cumsum(column(results, name), axis=1)[:, last] for name in CHECKED[1:]]
+        return np.stack([success, *sums], axis=2)
+
+
+@lru_cache(maxsize=8)
+def _tables(world: WorldSpec) -> WorldTables:
+    """Return the tables of a world, which all its conditions share whatever their seeds."""
+    return tabulate(world_of(SessionConfig("tables", world)))
 
 
 def column(results: Results, name: str) -> npt.NDArray[np.float64]:

@@ -12,7 +12,14 @@ import numpy.typing as npt
 from sfid_core.experiments.agreement import agreement_totals
 from sfid_core.experiments.claims import Claim
 from sfid_core.experiments.condition import Condition, Results, arm_of, column
-from sfid_core.experiments.founding_claims import EXPERT, LABELS, NAIVE, REWARD, founding_claims
+from sfid_core.experiments.founding_claims import (
+    ABS_TD_ERROR_SUM,
+    EXPERT,
+    LABELS,
+    NAIVE,
+    REWARD,
+    founding_claims,
+)
 from sfid_core.experiments.intervals import Resampling
 from sfid_core.experiments.summary import Arm
 from sfid_core.session.config import SessionConfig, WorldSpec
@@ -53,6 +60,7 @@ def totals(results: Results) -> dict[str, npt.NDArray[np.float64]]:
     steps, inputs = column(results, "steps"), column(results, "inputs")
     seconds = ANSWER_S * inputs + WINDOW_S * (steps - inputs)
     return {
+        ABS_TD_ERROR_SUM: (column(results, "abs_td_error") * steps).mean(axis=1),
         "inputs_total": inputs.sum(axis=1),
         "teaching_time_s": seconds.sum(axis=1),
         **agreement_totals(column(results, "preferred"), inputs, AGREEMENT, LASTING),

@@ -14,6 +14,9 @@ from sfid_core.experiments.summary import FOUNDING_MEASURES, Arm, Measure
 LABELS, REWARD = "sfid", "reward"
 EXPERT, NAIVE = "expert", "naive"
 TIME = "teaching_time_s"
+ABS_TD_ERROR_SUM = "abs_td_error_sum"
+"""Total: the |TD error| summed over an episode's steps, in the mean over episodes. The mean over steps alone
+flatters an agent that seldom reaches the goal: where nothing is reached, nothing surprises."""
 
 WORDS = {
     Measure.ABS_TD_ERROR: "|TD error|",
@@ -35,7 +38,9 @@ def founding_claims(
     """Return the paper's claims on four arms: sfid and reward, each with the teachers expert and naive.
 
     Each claim is on the mean over a seed's episodes. Where all four arms have the total `teaching_time_s`,
-    the paper's word on it is claimed too: equal with the expert, less with the naive teacher.
+    the paper's word on it is claimed too: equal with the expert, less with the naive teacher. The paper does
+    not say whether its |TD error| is a mean over steps or a sum: with the total `abs_td_error_sum` both are
+    claimed.
     Raises: ExperimentError where an arm is missing.
     """
     by_name = {(arm.method, arm.teacher): arm for arm in arms}
@@ -44,10 +49,16 @@ def founding_claims(
     if missing:
         raise ExperimentError(f"the paper's claims need the arm {missing[0]}: add it to the experiment")
     four = {name: by_name[name] for name in wanted}
-    claims = (*_equal(four, margin_share), *_better(four, resampling), *_worst(four, resampling))
-    if any(TIME not in arm.totals for arm in four.values()):
-        return claims
-    return (*claims, *_time(four, resampling, margin_share))
+    claims: tuple[Claim, ...] = (
+        *_equal(four, margin_share),
+        *_better(four, resampling),
+        *_worst(four, resampling),
+    )
+    if all(ABS_TD_ERROR_SUM in arm.totals for arm in four.values()):
+        claims = (*claims, *_summed(four, resampling, margin_share))
+    if all(TIME in arm.totals for arm in four.values()):
+        claims = (*claims, *_time(four, resampling, margin_share))
+    return claims
 
 
 def _equal(four: Mapping[tuple[str, str], Arm], margin_share: float) -> list[Claim]:
@@ -89,6 +100,26 @@ def _worst(four: Mapping[tuple[str, str], Arm], resampling: Resampling) -> list[
             resampling,
         )
         for measure, direction in _WORSE.items()
+    ]
+
+
+def _summed(four: Mapping[tuple[str, str], Arm], resampling: Resampling, margin_share: float) -> list[Claim]:
+    sums = {name: arm.totals[ABS_TD_ERROR_SUM] for name, arm in four.items()}
+    others = {", ".join(name): column for name, column in sums.items() if name != (REWARD, NAIVE)}
+    return [
+        is_equivalent(
+            "with the expert, sfid and reward are equivalent in |TD error| summed over an episode",
+            sums[LABELS, EXPERT],
+            sums[REWARD, EXPERT],
+            margin_share,
+        ),
+        is_extreme(
+            "reward with the naive teacher is the worst of the four in |TD error| summed over an episode",
+            sums[REWARD, NAIVE],
+            others,
+            Direction.MORE,
+            resampling,
+        ),
     ]
 
 

@@ -1,0 +1,152 @@
+"""`sfid experiment learners`: methods by teachers on one or several levels."""
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from services.cli.experiment_shared import (
+    Out,
+    Plain,
+    Seeds,
+    Workers,
+    named,
+    print_findings,
+    progress,
+    seed_range,
+    world_spec,
+)
+from services.cli.options import Json, Seed, print_json
+from sfid_core.experiments.claims import Claim
+from sfid_core.experiments.summary import Arm, ArmSummary
+
+
+class LevelFindings(NamedTuple):
+    """What one level came to."""
+
+    level: str
+    arms: list[Arm]
+    summaries: tuple[ArmSummary, ...]
+    claims: tuple[Claim, ...]
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the experiment."""
+    app.command()(learners)
+
+
+def learners(  # noqa: PLR0917 - one argument a flag
+    seeds: Seeds = 100,
+    seed: Seed = 0,
+    level: Annotated[
+        list[str] | None, typer.Option(help="A packaged level or FILE[:N]; may be repeated. Default: room.")
+    ] = None,
+    starts: Annotated[
+        str, typer.Option(help='Where episodes start: "all", a number N, or "within:STEPS".')
+    ] = "all",
+    methods: Annotated[str, typer.Option(help="Methods by comma, or all.")] = "all",
+    teachers: Annotated[str, typer.Option(help="Simulated teachers by comma, or all of the table.")] = "all",
+    out: Out = None,
+    workers: Workers = 0,
+    no_compile: Plain = False,
+    as_json: Json = False,
+) -> None:
+    """Methods by teachers: what the policy alone solves after 30, 100 and 300 episodes, and the answers."""
+    from services.cli.experiment_files import check_figures, write_learner_files
+    from services.experiments.runner import RunnerConfig, run_conditions
+    from services.runtime.sources import keep_machine_code
+    from sfid_core.experiments import learners as experiment
+    from sfid_core.experiments.condition import results_sha256
+    from sfid_core.experiments.intervals import Resampling
+    from sfid_core.experiments.summary import summarise
+    from sfid_core.learning.methods import METHODS
+    from sfid_core.teaching.personas import PERSONAS
+
+    numbers = seed_range(seed, seeds)
+    known = tuple(dict.fromkeys((*experiment.VARIANTS, *METHODS)))
+    rows = tuple(experiment.VARIANTS) if methods == "all" else named(methods, "method", known)
+    columns = experiment.TEACHERS if teachers == "all" else named(teachers, "teacher", tuple(PERSONAS))
+    levels = list(dict.fromkeys(level or ["room"]))
+    worlds = [world_spec(one, starts) for one in levels]
+    if out is not None:
+        check_figures()
+    keep_machine_code(Path.home() / ".cache" / "sfid")
+    conditions = [one for world in worlds for one in experiment.conditions(world, rows, columns)]
+    config = RunnerConfig(workers, False if no_compile else None, None if out is None else out / "chunks")
+    began = time.perf_counter()
+    with progress("seeds") as told:
+        results = run_conditions(conditions, numbers, config, told)
+    seconds = time.perf_counter() - began
+    resampling = Resampling(seed=seed)
+    found: list[LevelFindings] = []
+    each = len(rows) * len(columns)
+    for place, name in enumerate(levels):
+        part = slice(place * each, (place + 1) * each)
+        arms = [experiment.arm(*pair) for pair in zip(conditions[part], results[part], strict=True)]
+        claims = experiment.claims(arms, resampling)
+        found.append(LevelFindings(name, arms, summarise(arms, resampling), claims))
+    files = [] if out is None else write_learner_files(out, found, numbers)
+    if as_json:
+        print_json(_document(found, seeds, seconds, results_sha256(results), files))
+        return
+    for one in found:
+        console = Console()
+        console.print(learner_table(one))
+        print_findings(console, one.claims, ())
+    print_findings(Console(), (), files)
+
+
+def _document(
+    found: Sequence[LevelFindings], seeds: int, seconds: float, sha256: str, files: Sequence[Path]
+) -> dict[str, Any]:
+    return {
+        "seeds": seeds,
+        "seconds": seconds,
+        "sha256": sha256,
+        "cells": [_cell(one.level, summary) for one in found for summary in one.summaries],
+        "claims": [{"level": one.level} | claim.document() for one in found for claim in one.claims],
+        "files": [str(path) for path in files],
+    }
+
+
+def _cell(level: str, summary: ArmSummary) -> dict[str, Any]:
+    from sfid_core.experiments.learners import CHECKPOINTS, total_name
+
+    def with_interval(what: str, episodes: int) -> list[float]:
+        mean, interval = summary.totals[total_name(what, episodes)]
+        return [mean, *interval]
+
+    return {
+        "method": summary.method,
+        "teacher": summary.teacher,
+        "level": level,
+        "success": {str(episodes): with_interval("success", episodes) for episodes in CHECKPOINTS},
+        "inputs": with_interval("inputs", CHECKPOINTS[-1]),
+        "steps": with_interval("steps", CHECKPOINTS[-1]),
+    }
+
+
+def learner_table(found: LevelFindings) -> Table:
+    """Return methods by teachers: success after 30, 100 and 300 episodes, and the answers in thousands."""
+    from sfid_core.experiments.learners import CHECKPOINTS, total_name
+
+    title = f"{found.level}: share solved after 30/100/300 episodes, answers in thousands"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    teachers = list(dict.fromkeys(summary.teacher for summary in found.summaries))
+    table.add_column("method", no_wrap=True)
+    for teacher in teachers:
+        table.add_column(teacher, no_wrap=True)
+    cells = {(summary.method, summary.teacher): summary.totals for summary in found.summaries}
+    for method in dict.fromkeys(summary.method for summary in found.summaries):
+        row = []
+        for teacher in teachers:
+            totals = cells[method, teacher]
+            shares = "/".join(f"{totals[total_name('success', episodes)][0]:.2f}" for episodes in CHECKPOINTS)
+            row.append(f"{shares} {totals[total_name('inputs', CHECKPOINTS[-1])][0] / 1000:.1f}k")
+        table.add_row(method, *row)
+    return table

@@ -1,0 +1,74 @@
+"""What the experiments on the command line share: their options, seeds, worlds, progress and printing."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from services.cli.failure import CommandError
+from services.cli.level_files import check_starts, find_level
+from services.cli.session import SEED_MAX
+from sfid_core.experiments.claims import Claim
+from sfid_core.session.config import WorldSpec
+
+Seeds = Annotated[int, typer.Option(help="Number of seeds; all conditions share them.")]
+Workers = Annotated[int, typer.Option(help="Threads (or processes without numba); 0: one a core.")]
+Out = Annotated[
+    Path | None,
+    typer.Option(help="Folder for tables, figures, the recording and finished chunks (an interrupted run "
+                 "with the same folder goes on)."),
+]  # fmt: skip
+Plain = Annotated[bool, typer.Option("--no-compile", help="Run without the compiler; the results are equal.")]
+
+
+def seed_range(first: int, count: int) -> list[int]:
+    """Return the seeds first, first + 1, ...; raise with the mend when there are too few or too many."""
+    if not 2 <= count <= 1_000_000:
+        message = f"seeds {count} is outside 2 to 1,000,000: intervals need 2, and claims 10 and more"
+        raise CommandError(message)
+    if not 0 <= first <= SEED_MAX - count:
+        message = f"seed {first} is outside 0 to 2^53-1 less the number of seeds: choose another"
+        raise CommandError(message)
+    return list(range(first, first + count))
+
+
+def world_spec(level: str, starts: str) -> WorldSpec:
+    """Return the world of an experiment: the level by name or file, our rewards.
+
+    Raises: CommandError, LevelError, WorldError for a level that cannot be read or solved.
+    """
+    title, found = find_level(level)
+    check_starts(level, found, starts, 0)
+    return WorldSpec(found.to_xsb(), title, starts)
+
+
+def named(text: str, what: str, known: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of a list by comma, each once; raise with the mend for one that is not known."""
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+    for name in names:
+        if name not in known:
+            message = f"unknown {what} {name!r}: choose from {', '.join(known)}, several by comma"
+            raise CommandError(message)
+    return names
+
+
+@contextmanager
+def progress(what: str) -> Iterator[Any]:
+    """Yield a function that shows how much is done, on a terminal and on stderr alone."""
+    console = Console(stderr=True)
+    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
+        task = shown.add_task(what)
+        yield lambda done, total: shown.update(task, completed=done, total=total)
+
+
+def print_findings(console: Console, claims: Sequence[Claim], files: Sequence[Path]) -> None:
+    """Print what was found, one line a claim, and what was written."""
+    for claim in claims:
+        console.print(claim.line(), highlight=False, soft_wrap=True)
+    for path in files:
+        console.print(f"wrote {path}", highlight=False, soft_wrap=True)

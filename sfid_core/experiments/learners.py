@@ -1,0 +1,139 @@
+"""Methods against teachers: what the learnt policy alone can do after so many episodes, at what cost.
+
+Teachers are simulated (`sfid_core.teaching.personas`); one who is perfect when labelling is perfect
+when judging, and so on: what differs between two rows of a column is what the method asks for and makes of it.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from sfid_core.experiments.claims import Claim
+from sfid_core.experiments.condition import CHECKED, Condition, Results
+from sfid_core.experiments.intervals import Resampling
+from sfid_core.experiments.orderings import Ordering, Robustness, ordering_claims
+from sfid_core.experiments.summary import Arm
+from sfid_core.learning.methods import METHODS, method_named
+from sfid_core.learning.parameters import ParameterError, Value
+from sfid_core.session.config import SessionConfig, WorldSpec
+from sfid_core.teaching.personas import persona_named
+
+CHECKPOINTS = (30, 100, 300)
+"""Episodes after which the policy is tried; 30 is the founding paper's session."""
+PERFECT, NOISY, VERY_NOISY = "oracle", "noisy", "very-noisy"
+PRAISING, BLAMING, RARE = "reward-focused", "punishment-focused", "rare"
+TEACHERS = (PERFECT, NOISY, VERY_NOISY, PRAISING, BLAMING, RARE)
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """A method with parameters of its own."""
+
+    method: str
+    parameters: Mapping[str, Value] = field(default_factory=dict)
+
+
+VARIANTS: dict[str, Variant] = {
+    "q-learning": Variant("q-learning"),
+    "potential": Variant("potential"),
+    "potential-distance": Variant("potential", {"form": "distance"}),
+    "reward": Variant("reward"),
+    "sfid": Variant("sfid"),
+    "sfid-memory": Variant("sfid-memory"),
+    "guide": Variant("guide"),
+    "tamer": Variant("tamer"),
+    "action-biasing": Variant("tamer-rl", {"technique": "action-biasing"}),
+    "control-sharing": Variant("tamer-rl", {"technique": "control-sharing"}),
+    "reward-shaping": Variant("tamer-rl", {"technique": "reward-shaping"}),
+    "q-augmentation": Variant("tamer-rl", {"technique": "q-augmentation"}),
+    "advise": Variant("advise"),
+    "sabl": Variant("sabl"),
+    "isabl": Variant("isabl"),
+    "coach": Variant("coach"),
+    "pies": Variant("pies"),
+    "clone": Variant("clone"),
+    "dagger": Variant("dagger"),
+}
+"""Rows of the table by name; every other method may be named too and has its defaults."""
+
+
+def total_name(what: str, episodes: int) -> str:
+    """Return how a total at a checkpoint is called."""
+    return f"{what}_{episodes}"
+
+
+ORDERINGS: tuple[Ordering | Robustness, ...] = (
+    Ordering("coach", "sfid", PERFECT, "success_30"),
+    Ordering("sfid", "q-learning", PERFECT, "success_30"),
+    *(Ordering("dagger", other, VERY_NOISY, "success_30") for other in ("sfid", "reward", "tamer", "coach")),
+    *(
+        Robustness("dagger", other, VERY_NOISY, PERFECT, "success_100")
+        for other in ("sfid", "reward", "coach")
+    ),
+    *(Robustness("sfid", other, VERY_NOISY, PERFECT, "success_30") for other in ("tamer", "isabl", "coach")),
+    *(Ordering(other, "reward", PRAISING, "success_300") for other in ("sfid", "tamer", "advise", "pies")),
+    Ordering("action-biasing", "reward-shaping", PRAISING, "success_100"),
+    Ordering("action-biasing", "q-augmentation", PRAISING, "success_300"),
+    *(Ordering("sfid", other, BLAMING, "success_30") for other in ("reward", "tamer", "sabl", "coach")),
+    *(Ordering("isabl", other, BLAMING, "success_30") for other in ("sabl", "tamer", "reward")),
+)
+"""Who is robust to noise, to a teacher who only praises, to one who only blames; what choosing comes to."""
+
+
+def conditions(
+    world: WorldSpec, methods: Sequence[str] = tuple(VARIANTS), teachers: Sequence[str] = TEACHERS
+) -> list[Condition]:
+    """Return a condition for every method and teacher; raises ParameterError for a name that is not known."""
+    return [
+        Condition(
+            teacher,
+            SessionConfig("learners", world, variant.method, variant.parameters, CHECKPOINTS[-1]),
+            {"teacher": persona_named(teacher)},
+            CHECKPOINTS,
+            name,
+        )
+        for name in methods
+        for variant in (variant_named(name),)
+        for teacher in teachers
+    ]
+
+
+def variant_named(name: str) -> Variant:
+    """Return a row of the table by its name, or a method with its defaults; raises ParameterError."""
+    if name in VARIANTS:
+        return VARIANTS[name]
+    if name not in METHODS:
+        names = dict.fromkeys((*VARIANTS, *METHODS))
+        message = f"unknown method {name!r}: choose from {', '.join(names)}"
+        raise ParameterError(message)
+    return Variant(method_named(name).name)
+
+
+def arm(condition: Condition, results: Results) -> Arm:
+    """Return a condition's results: success, inputs and steps at every checkpoint, a number a seed."""
+    totals = {
+        total_name(what, episodes): results[:, row, place]
+        for row, episodes in enumerate(condition.checkpoints)
+        for place, what in enumerate(CHECKED)
+    }
+    return Arm(condition.method, condition.teacher, {}, totals)
+
+
+def claims(arms: Sequence[Arm], resampling: Resampling) -> tuple[Claim, ...]:
+    """Return the orderings among the arms that were run, with intervals that hold all at once."""
+    run = {(one.method, one.teacher) for one in arms}
+    asked = [one for one in ORDERINGS if _needed(one) <= run]
+    return tuple(_spelt(claim) for claim in ordering_claims(arms, asked, resampling))
+
+
+def _needed(ordering: Ordering | Robustness) -> set[tuple[str, str]]:
+    teachers = {ordering.teacher}
+    if isinstance(ordering, Robustness):
+        teachers.add(ordering.reference)
+    return {(method, teacher) for method in (ordering.better, ordering.worse) for teacher in teachers}
+
+
+def _spelt(claim: Claim) -> Claim:
+    text = claim.claim
+    for episodes in CHECKPOINTS:
+        text = text.replace(total_name("success", episodes), f"success after {episodes} episodes")
+    return replace(claim, claim=text)
