@@ -29,6 +29,12 @@ def simulate(
         int | None, typer.Option(min=1, max=10_000_000, help="Number of seeds: 100, or 1 with --seed.")
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, max=2**53, help="The first seed.")] = None,
+    decisions: Annotated[
+        int,
+        typer.Option(
+            min=0, max=100_000, help="Teach about so many decisions a seed; 0: a short lesson of 15 to 50."
+        ),
+    ] = 0,
     jobs: Annotated[
         int, typer.Option(min=0, max=256, help="Processes that share the seeds; 0: one a processor.")
     ] = 0,
@@ -49,11 +55,11 @@ def simulate(
     if trace:
         done = Campaign()
         for number in range(seed or 0, (seed or 0) + count):
-            judged = judge(number, trace=True)
+            judged = judge(number, decisions, trace=True)
             _print_trace(judged)
             done.add(judged)
     else:
-        done = _watched(campaign(seed or 0, count, jobs or os.cpu_count() or 1), count)
+        done = _watched(campaign(seed or 0, count, jobs or os.cpu_count() or 1, decisions), count)
     if json:
         print_json(_document(done))
     else:

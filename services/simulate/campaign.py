@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
 from hashlib import sha256
 from pathlib import Path
 
@@ -31,11 +31,13 @@ class Failure:
     seed: int
     rule: str
     what: str
+    decisions: int = 0
 
     @property
     def repeat(self) -> str:
         """The command that shows it again."""
-        return f"sfid simulate --seed {self.seed} --trace"
+        long = f" --decisions {self.decisions}" if self.decisions else ""
+        return f"sfid simulate --seed {self.seed}{long} --trace"
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,17 +75,21 @@ class Campaign:
         self.trace_sha256 = sha256(f"{self.trace_sha256}{judged.trace_sha256}".encode()).hexdigest()
 
 
-def judge(seed: int, *, trace: bool = False) -> Judged:
-    """Run one seed and check every rule; `trace` keeps what was seen."""
+def judge(seed: int, decisions: int = 0, *, trace: bool = False) -> Judged:
+    """Run one seed and check every rule; `trace` keeps what was seen.
+
+    Args: decisions: about so many at least, with three teachers; 0 is a short lesson.
+    """
     logging.getLogger("sfid").setLevel(logging.CRITICAL + 1)
-    drawn = scenario(seed)
+    drawn = scenario(seed, decisions)
     evidence = _played(drawn)
     failures = [
-        Failure(seed, rule, what)
+        Failure(seed, rule, what, decisions)
         for rule, check in RULES.items()
         for what in tuple(check(evidence))[:SHOWN_A_RULE]
     ]
-    failures += [Failure(seed, rule, what) for rule, what in _compared(drawn, evidence)]
+    compared = _compared(drawn, evidence, decisions)
+    failures += [Failure(seed, rule, what, decisions) for rule, what in compared]
     history = evidence.history
     return Judged(
         seed,
@@ -96,24 +102,25 @@ def judge(seed: int, *, trace: bool = False) -> Judged:
     )
 
 
-def campaign(first: int, seeds: int, jobs: int = 1) -> Iterator[tuple[Campaign, Judged]]:
+def campaign(first: int, seeds: int, jobs: int = 1, decisions: int = 0) -> Iterator[tuple[Campaign, Judged]]:
     """Judge seeds first, first + 1 ... and yield the sums so far after each; `jobs` processes share them."""
     started, sums = time.monotonic(), Campaign()
-    for judged in _judged(range(first, first + seeds), jobs):
+    for judged in _judged(range(first, first + seeds), jobs, decisions):
         sums.add(judged)
         sums.seconds = time.monotonic() - started
         yield sums, judged
 
 
-def _judged(seeds: range, jobs: int) -> Iterator[Judged]:
+def _judged(seeds: range, jobs: int, decisions: int) -> Iterator[Judged]:
+    one = partial(judge, decisions=decisions)
     if jobs == 1 or len(seeds) < 2 * BATCH:
-        yield from map(judge, seeds)
+        yield from map(one, seeds)
         return
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__])
     ignore = (signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asked
     with ProcessPoolExecutor(jobs, context, signal.signal, ignore) as pool:
-        yield from pool.map(judge, seeds, chunksize=BATCH)
+        yield from pool.map(one, seeds, chunksize=BATCH)
 
 
 def _played(drawn: Scenario) -> Evidence:
@@ -125,9 +132,9 @@ def _played(drawn: Scenario) -> Evidence:
 
 
 @lru_cache(LESSONS)
-def _undisturbed(number: int) -> tuple[str, str]:
+def _undisturbed(number: int, decisions: int) -> tuple[str, str]:
     """Return the digest of a lesson without faults, and what it is with somebody watching."""
-    calm = undisturbed(lesson(number))
+    calm = undisturbed(lesson(number, decisions))
     return _digest(calm), _digest(calm.watched())
 
 
@@ -136,9 +143,9 @@ def _digest(drawn: Scenario) -> str:
     return report.q_sha256 if report is not None else "not finished"
 
 
-def _compared(drawn: Scenario, evidence: Evidence) -> Iterator[tuple[str, str]]:
+def _compared(drawn: Scenario, evidence: Evidence, decisions: int) -> Iterator[tuple[str, str]]:
     """R10, and the promise that faults do not change what is learnt where everybody is waited for."""
-    expected, watched = _undisturbed(lesson_of(drawn.seed))
+    expected, watched = _undisturbed(lesson_of(drawn.seed), decisions)
     if watched != expected:
         yield "R10", f"without faults {expected[:12]} is learnt, with a viewer {watched[:12]}"
     if not drawn.lesson.exact or evidence.report is None or evidence.report.q_sha256 == expected:

@@ -4,6 +4,7 @@ What a power cut leaves behind is put together at the moment of the cut from wha
 in either file, and the next life opens that; nothing the dying process does afterwards can mend it.
 """
 
+import os
 import shutil
 from dataclasses import dataclass
 from enum import Enum
@@ -13,9 +14,10 @@ from random import Random
 from protocol.framing import frame
 from services.runtime.journal.errors import JournalError, JournalFull
 from services.runtime.journal.lock import EPOCH_NAME, ShardLock
-from services.runtime.journal.mirror import MIRROR_NAME
+from services.runtime.journal.mirror import MIRROR_NAME, Mirror
 from services.runtime.journal.shard import Shard, shard_directory
 from services.runtime.journal.store import SQLITE_NAME
+from services.runtime.journal.syncer import Syncer
 from services.runtime.timeline import Timeline
 
 DATABASE = (SQLITE_NAME, f"{SQLITE_NAME}-wal")
@@ -36,11 +38,12 @@ class Fate(Enum):
     CUT_BEFORE = "power cut before anything was written"
     CUT_TORN = "power cut in the middle of the mirror's frame"
     CUT_MIRROR_FIRST = "power cut when the mirror was synced and the database not"
+    CUT_DATABASE_FIRST = "power cut when the database was synced and the mirror not, or in part"
     CUT_AFTER = "power cut after the commit, before any acknowledgement"
 
 
 _FAILURES = (Fate.FULL, Fate.SYNC_FAILS)
-_CUTS = (Fate.CUT_BEFORE, Fate.CUT_TORN, Fate.CUT_MIRROR_FIRST, Fate.CUT_AFTER)
+_CUTS = tuple(fate for fate in Fate if fate.name.startswith("CUT_"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +129,7 @@ class SimulatedShard(Shard):
     def __init__(self, directory: Path, lock: ShardLock, disk: Disk) -> None:
         super().__init__(directory, lock)
         self._disk = disk
+        self._sync_in_this_thread()
 
     def commit(self) -> None:
         """See Shard."""
@@ -147,8 +151,8 @@ class SimulatedShard(Shard):
                 super().commit()
                 self._disk.cut()
                 raise PowerCut
-            case Fate.CUT_TORN | Fate.CUT_MIRROR_FIRST:
-                self._die_with_the_database_behind()
+            case Fate.CUT_TORN | Fate.CUT_MIRROR_FIRST | Fate.CUT_DATABASE_FIRST:
+                self._die_between()
 
     def abandon(self) -> None:
         """Let go of everything as the death of the process does: nothing more is written."""
@@ -163,7 +167,16 @@ class SimulatedShard(Shard):
             file.write(frame(b"".join(self._group.encoded)))
         self._suspect = True
 
-    def _die_with_the_database_behind(self) -> None:
+    def _reopen(self) -> None:
+        super()._reopen()
+        self._sync_in_this_thread()
+
+    def _sync_in_this_thread(self) -> None:
+        mirror, self._mirror = self._mirror, SimulatedMirror(self.directory, self._mirror.end)
+        mirror.close()
+
+    def _die_between(self) -> None:
+        """Commit, and let the next life find one of the two files as it was before, or in part."""
         directory, mirror = self.directory, self.directory / MIRROR_NAME
         before = {name: (directory / name).read_bytes() for name in DATABASE if (directory / name).exists()}
         begin = min(mirror.stat().st_size, self._mirror.end)  # behind it stands what failed before
@@ -171,11 +184,35 @@ class SimulatedShard(Shard):
         end = mirror.stat().st_size
         self._disk.cut()
         after = shard_directory(self._disk.data_dir, 0)
-        for name in DATABASE:
-            (after / name).unlink(missing_ok=True)
-        for name, content in before.items():
-            (after / name).write_bytes(content)
-        if self._disk.fate is Fate.CUT_TORN:
+        if self._disk.fate is not Fate.CUT_DATABASE_FIRST:
+            for name in DATABASE:
+                (after / name).unlink(missing_ok=True)
+            for name, content in before.items():
+                (after / name).write_bytes(content)
+        if self._disk.fate is not Fate.CUT_MIRROR_FIRST:
             with (after / MIRROR_NAME).open("r+b") as file:
                 file.truncate(begin + self._disk.torn(end - begin))
         raise PowerCut
+
+
+class SimulatedMirror(Mirror):
+    """The mirror, synced in the thread that asks: simulated time has one thread."""
+
+    def __init__(self, directory: Path, end: int) -> None:
+        super().__init__(directory, end)
+        self._syncer.close()
+        self._syncer = _SameThread(self._fd)
+
+
+class _SameThread(Syncer):
+    def __init__(self, fd: int) -> None:  # the thread of the other is what is left out
+        self._fd = fd
+
+    def start(self) -> None:
+        os.fdatasync(self._fd)
+
+    def wait(self) -> None:
+        """It is done already."""
+
+    def close(self) -> None:
+        """There is nothing to end."""

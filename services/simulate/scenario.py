@@ -20,6 +20,8 @@ LEVELS = (
     "######\n#    #\n# $@ #\n#  . #\n######",
     "#######\n#  .  #\n# $$  #\n# .@  #\n#######",
 )
+STEPS_AN_EPISODE = 4
+"""On the average they are more, so that a long lesson is as long as was asked."""
 MS = 1_000_000
 
 
@@ -45,6 +47,7 @@ class What(Enum):
     CUT = "cut one direction between two processes"
     OFFLINE = "take a process off the network"
     PAUSE = "pause and resume"
+    CLOCK = "set the clock an hour forward or back"
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,11 +89,11 @@ def lesson_of(seed: int) -> int:
 
 
 @lru_cache(LESSONS)
-def lesson(number: int) -> Lesson:
-    """Return one of the lessons."""
+def lesson(number: int, decisions: int = 0) -> Lesson:
+    """Return one of the lessons, a long one on demand."""
     chance = dice(number, "lesson")
     kind = chance.choice(("exact", "exact", "exact", "present", "early", "full", "reward", "q-learning"))
-    teachers = TEACHERS[: chance.randint(1, 3)] if kind != "q-learning" else ()
+    teachers = TEACHERS[: max(3 if decisions else 0, chance.randint(1, 3))] if kind != "q-learning" else ()
     mode = "until-answered" if kind in {"exact", "present", "reward"} else "early"
     window = WindowSpec(
         mode="full" if kind == "full" else mode,  # type: ignore[arg-type]
@@ -107,7 +110,7 @@ def lesson(number: int) -> Lesson:
         session=SESSION,
         world=world,
         method=kind if kind in {"reward", "q-learning"} else "sfid",
-        episodes=chance.randint(3, 5),
+        episodes=max(chance.randint(3, 5), decisions // STEPS_AN_EPISODE),
         seed=chance.randrange(2**32),
         window=window,
         teachers_min=len(teachers),
@@ -123,10 +126,10 @@ def undisturbed(taught: Lesson) -> Scenario:
     return Scenario(0, taught, Faults(), DiskFaults(), (), viewer=False, meddler=False)
 
 
-def scenario(seed: int) -> Scenario:
-    """Return what a seed stands for."""
+def scenario(seed: int, decisions: int = 0) -> Scenario:
+    """Return what a seed stands for; with `decisions`, three teachers for about so many decisions or more."""
     chance = dice(seed, "scenario")
-    taught = lesson(lesson_of(seed))
+    taught = lesson(lesson_of(seed), decisions)
     faults = Faults(
         drop=chance.choice((0.0, 0.02, 0.1)),
         duplicate=chance.choice((0.0, 0.05, 0.3)),
@@ -136,7 +139,8 @@ def scenario(seed: int) -> Scenario:
         presence_ms=chance.choice((2.0, 300.0)),
     )
     disk = DiskFaults(fails=chance.choice((0.0, 0.05)), cut=chance.choice((0.0, 0.0, 0.04)))
-    trials = tuple(_trial(chance, taught) for _ in range(chance.randint(2, 8)))
+    last = max(30, decisions)
+    trials = tuple(_trial(chance, taught, last) for _ in range(chance.randint(2, 8) * last // 30))
     return Scenario(seed, taught, faults, disk, _one_leaver(trials))
 
 
@@ -145,8 +149,16 @@ def _one_leaver(trials: tuple[Trial, ...]) -> tuple[Trial, ...]:
     return tuple(trial for trial in trials if trial.what is not What.LEAVE or trial is leaves[0])
 
 
-def _trial(chance: Random, taught: Lesson) -> Trial:
-    kinds = [What.KILL_LEARNER, What.KILL_ENVIRONMENT, What.STALL, What.CUT, What.OFFLINE, What.PAUSE]
+def _trial(chance: Random, taught: Lesson, last: int) -> Trial:
+    kinds = [
+        What.KILL_LEARNER,
+        What.KILL_ENVIRONMENT,
+        What.STALL,
+        What.CUT,
+        What.OFFLINE,
+        What.PAUSE,
+        What.CLOCK,
+    ]
     if taught.teachers:
         kinds += [What.KILL_TEACHER, What.KILL_TEACHER]
     if len(taught.teachers) > 1 and not taught.exact:
@@ -161,7 +173,7 @@ def _trial(chance: Random, taught: Lesson) -> Trial:
     elif what in {What.KILL_TEACHER, What.LEAVE}:
         who = chance.choice(taught.teachers)
     return Trial(
-        decision=chance.randint(1 if what is What.LEAVE else 0, 30),
+        decision=chance.randint(1 if what is What.LEAVE else 0, last),
         after_ns=int(chance.random() * chance.choice((1, 20)) * MS),
         what=what,
         who=who,

@@ -32,12 +32,13 @@ STORM_NS = 300 * SECOND
 """Faults end after so long: what is not finished then has to finish without them."""
 CALM_NS = 300 * SECOND
 """Within so long after the faults a session is finished, or it stands still."""
+HOUR_NS = 3_600 * SECOND
 TAIL_NS = SECOND // 2
 """Faults go on for so long after the end was told: it must hold."""
 QUIET_NS = 2 * SECOND
 """What is still on its way arrives within so long; the report is asked for after it."""
 APPOINTMENTS_MAX = 50_000
-"""A run that goes on for ever is cut off here."""
+"""A run that goes on for ever is cut off here; a long lesson may have so many for each hundred decisions."""
 _FAULTS = frozenset({"lost", "again", "cut", "offline", "die", "stall"})
 BEGINNING_WALL_NS = 1_700_000_000 * SECOND
 
@@ -87,6 +88,7 @@ class Stage:
             "learner": self.learner, "environment": self.environment, **self.teachers
         }  # fmt: skip
         self._left: set[str] = set()
+        self._appointments_max = APPOINTMENTS_MAX * (1 + lesson.config.episodes // 20)
         self._restarting: set[str] = set()
         self._finished = self._healed = False
 
@@ -116,7 +118,7 @@ class Stage:
     def _until(self, reached: Callable[[], bool], span_ns: int) -> None:
         end_ns = self.timeline.now_ns() + span_ns
         while not reached() and self.timeline.now_ns() < end_ns:
-            if self.timeline.happened > APPOINTMENTS_MAX or not self.timeline.step():
+            if self.timeline.happened > self._appointments_max or not self.timeline.step():
                 return
             if not self.learner.alive:
                 self._restart_soon(self.learner)
@@ -197,6 +199,8 @@ class Stage:
                     self.hub.cut(trial.who, trial.other, trial.span_ns)
             case What.OFFLINE:
                 self._take_off(node, trial.span_ns)
+            case What.CLOCK:
+                self.timeline.jump(HOUR_NS if trial.span_ns % 2 else -HOUR_NS)
             case What.PAUSE:
                 self.operator.pause(trial.span_ns)
 

@@ -47,7 +47,7 @@ def test_all_kinds_of_trials_lessons_and_disk_fates_are_drawn() -> None:
     modes = {lesson(number).config.window.mode for number in range(LESSONS)}
     assert methods == {"sfid", "reward", "q-learning"}
     assert modes == {"until-answered", "early", "full"}
-    assert len(Fate) == 7
+    assert len(Fate) == 8
 
 
 def test_a_campaign_is_the_same_whoever_shares_the_seeds() -> None:
