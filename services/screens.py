@@ -108,7 +108,11 @@ class Flow(Protocol):
         """
 
     def screen(self, person: Person) -> Screen:
-        """Return what the person sees now; asked again after every `submit` and every arrival."""
+        """Return what the person sees now.
+
+        Asked again after every `submit` and arrival and about every second, so that time alone may change it:
+        it answers from memory.
+        """
 
     def submit(self, person: Person, screen: str, button: str, values: Mapping[str, Value]) -> None:
         """Take what a person did: a button of the screen of that name, or FINISHED from the gateway itself.
@@ -116,6 +120,9 @@ class Flow(Protocol):
         The values have been checked against the screen's fields. A screen that is not the present one is
         never handed on. Raises: FlowRefusal.
         """
+
+    def depart(self, person: Person) -> None:
+        """Note that a person has been gone for some seconds: they may come again, or not."""
 
 
 class TeachOnly:
@@ -129,4 +136,7 @@ class TeachOnly:
         return Screen("teach", session=person.session)
 
     def submit(self, person: Person, screen: str, button: str, values: Mapping[str, Value]) -> None:
+        """See Flow."""
+
+    def depart(self, person: Person) -> None:
         """See Flow."""

@@ -28,6 +28,7 @@ EPISODES_SHOWN = 12
 HexId = Annotated[str, Meta(pattern=r"^[0-9a-f]{32}\Z")]
 HexState = Annotated[str, Meta(pattern=r"^([0-9a-f]{2}){0,32}\Z")]
 Short = Annotated[str, Meta(max_length=256)]
+Number = Annotated[int, Meta(ge=-(2**53), le=2**53)]
 Filled = Annotated[str, Meta(max_length=2000)]
 
 
@@ -61,7 +62,7 @@ class Submit(Struct, frozen=True, forbid_unknown_fields=True, tag="submit"):
 
     screen: Name
     button: Name
-    values: Annotated[dict[Name, bool | int | float | Filled | None], Meta(max_length=64)] = {}
+    values: Annotated[dict[Name, bool | Number | float | Filled | None], Meta(max_length=64)] = {}
 
 
 class Ping(Struct, frozen=True, forbid_unknown_fields=True, tag="ping"):

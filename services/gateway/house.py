@@ -1,7 +1,8 @@
 """Everybody who is at the page, and the rooms they are in. Runs on one loop; no sockets here."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 
 from protocol.identity import Identity, Role, TokenError, TokenFault, verify
 from protocol.keys import Keys
@@ -21,6 +22,8 @@ _MS = 1_000_000
 _S = 1_000_000_000
 FORGET_S = 60.0
 """A person who left is remembered so long: their limits, and answers still on their way."""
+FORGET_AT_LAST_S = 600.0
+"""Answers that nobody acknowledged for so long are kept by the browser alone."""
 CHECK_S = 1.0
 """How often tokens of those who are here are checked again."""
 WHY = {
@@ -142,8 +145,9 @@ class House:
     def _after_leaving(self, name: tuple[str, str], visitor: Visitor, now_ns: int) -> None:
         away_ns = now_ns - visitor.left_ns
         if away_ns >= self._limits.leave_ms * _MS:
-            visitor.leave()
-        if away_ns >= FORGET_S * _S and not visitor.open_answers:
+            self._guarded(visitor, visitor.leave)
+        forget_s = FORGET_S if not visitor.open_answers else FORGET_AT_LAST_S
+        if away_ns >= forget_s * _S:
             visitor.forget()
             del self.visitors[name]
 
@@ -159,7 +163,9 @@ class House:
             if fault is not None:
                 self.counters.refuse(Reason(fault.value))
                 visitor.end(GONE, fault.value, WHY[fault])
-            elif now_ns / _S - visitor.heard_s > self._limits.idle_timeout_s:
+                continue
+            self._guarded(visitor, visitor.follow)
+            if now_ns / _S - visitor.heard_s > self._limits.idle_timeout_s:
                 self.counters.refuse(Reason.IDLE)
                 visitor.end(LEFT_ALONE, Reason.IDLE.value, "nothing was heard for hours: reload to go on")
         self._tell_of_ends()
@@ -178,7 +184,15 @@ class House:
                 continue
             for visitor in list(self.visitors.values()):
                 if visitor.line is not None:
-                    visitor.session_finished(session)
+                    self._guarded(visitor, partial(visitor.session_finished, session))
+
+    def _guarded(self, visitor: Visitor, act: Callable[[], None]) -> None:
+        """Call what asks a flow: its mistake with one person must not end everybody's lesson."""
+        try:
+            act()
+        except Exception:
+            self.counters.refuse(Reason.FAULT)
+            log.exception("the flow failed with %s", visitor.person.pseudonym)
 
     # ------------------------------------------------------------ figures
 

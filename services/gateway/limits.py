@@ -25,6 +25,8 @@ class Reason(Enum):
     FULL = "invitation-full"
     PEOPLE = "people"
     FLOW = "flow"
+    FAULT = "fault"
+    """Our own mistake; the log has it."""
     FIELDS = "fields"
     REPLAY = "replay"
     """An answer that had its acknowledgement came again: it gets the same one, and nobody else is asked."""

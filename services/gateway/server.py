@@ -13,7 +13,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from services.gateway.config import Limits, Place
-from services.gateway.frames import FrameError, Hello, read, written
+from services.gateway.frames import Frame, FrameError, Hello, read, written
 from services.gateway.house import House
 from services.gateway.limits import Counters, Reason
 from services.gateway.page import SOCKET_PATH, Page
@@ -151,6 +151,9 @@ class Reception:
         except ConnectionClosed as closed:
             if closed.sent is not None and closed.sent.code == TOO_LARGE_CODE:
                 self._counters.refuse(Reason.TOO_LARGE)
+        except Exception:  # of one connection: everybody else goes on
+            self._counters.refuse(Reason.FAULT)
+            log.exception("a connection failed")
         finally:
             if visitor is not None:
                 visitor.depart(line, self._house.now_ns())
@@ -180,13 +183,20 @@ class Reception:
                 continue
             frame = self._read(text, line)
             if frame is not None:
-                visitor.receive(frame)
+                self._serve(visitor, frame)
                 continue
             malformed += 1
             if malformed == MALFORMED_MAX:
                 line.close(BAD_FRAME, "malformed frames")
 
-    def _read(self, text: str | bytes, line: SocketLine) -> Any:  # noqa: ANN401 - a Frame or None
+    def _serve(self, visitor: Visitor, frame: Frame) -> None:
+        try:
+            visitor.receive(frame)
+        except Exception:  # whatever it is, the next frame is another one
+            self._counters.refuse(Reason.FAULT)
+            log.exception("a frame of %s could not be served", visitor.person.pseudonym)
+
+    def _read(self, text: str | bytes, line: SocketLine) -> Frame | None:
         if isinstance(text, bytes):
             self._counters.refuse(Reason.BINARY)
             return None

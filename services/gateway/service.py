@@ -48,7 +48,10 @@ class Inbox:
         self._woken = False
         while self._calls:
             handle, argument = self._calls.popleft()
-            handle(argument)
+            try:
+                handle(argument)
+            except Exception:  # one message that fails must not hold up those behind it
+                log.exception("a message from the bus could not be handled")
 
 
 def run(

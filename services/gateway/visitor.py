@@ -68,6 +68,7 @@ class Visitor:
         self._token = ""
         self._told_of_end = False
         self._now_s = 0.0
+        self._gone = True
 
     @property
     def open_answers(self) -> int:
@@ -85,6 +86,7 @@ class Visitor:
             self.line.close(TAKEN_OVER, "taken over")
             self._counters.done["taken-over"] += 1
         self.line, self.identity, self._token = line, identity, token
+        self._gone = False
         self.heard_s = now_s
         self._too_many = 0
         try:
@@ -101,7 +103,13 @@ class Visitor:
             self.line, self.left_ns = None, now_ns
 
     def leave(self) -> None:
-        """Be present no longer anywhere."""
+        """Be present no longer, in the session and in the flow; twice is once."""
+        if not self._gone:
+            self._gone = True
+            self._rise()
+            self._flow.depart(self.person)
+
+    def _rise(self) -> None:
         for _, seat in self._seats.values():
             seat.rise()
 
@@ -125,7 +133,7 @@ class Visitor:
         self._told_of_end = False
         self._tell(screen_frame(screen))
         if screen.session is None:
-            self.leave()
+            self._rise()
             return
         for session, (_, seat) in self._seats.items():
             if session != screen.session:
@@ -141,6 +149,16 @@ class Visitor:
         if self._screen is not None and self._screen.session == session and not self._told_of_end:
             self._told_of_end = True
             self._submit_to_flow(self._screen, FINISHED, {})
+
+    def follow(self) -> None:
+        """Show what the flow has come to by itself."""
+        if self.line is not None and self._screen is not None:
+            self._follow(self._screen)
+
+    def _follow(self, before: Screen) -> None:
+        following = self._flow.screen(self.person)
+        if following != before:
+            self._show(following)
 
     def _submit(self, frame: Submit) -> None:
         screen = self._screen
@@ -162,9 +180,7 @@ class Visitor:
         except FlowRefusal as error:
             self._refuse(Reason.FLOW, str(error))
             return
-        following = self._flow.screen(self.person)
-        if following != screen:
-            self._show(following)
+        self._follow(screen)
 
     # ------------------------------------------------------------ frames
 

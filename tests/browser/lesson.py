@@ -42,8 +42,8 @@ class Lesson:
         self.sessions += 1
         name = f"s{self.sessions}"
         world = World(level=packaged("room")[0].to_xsb(), level_name="room")
-        fields: dict[str, Any] = {"episodes": 5, "window": UNTIL_ANSWERED, "seed": 7}
-        self.operator.create(CreateSession(session=name, world=world, **(fields | changes)))
+        fields: dict[str, Any] = {"world": world, "episodes": 5, "window": UNTIL_ANSWERED, "seed": 7}
+        self.operator.create(CreateSession(session=name, **(fields | changes)))
         return name
 
     def link(self, session: str, name: str | None = "ann", *, people: int = 2, url: str | None = None) -> str:

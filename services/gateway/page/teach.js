@@ -72,7 +72,7 @@ export class Teach {
     this.words = el("p", { class: "words" });
     this.rounds = el("ol", { class: "rounds", "aria-label": "Rounds so far" });
     this.purpose = el("p", {}, "The agent pushes every box onto a goal. It decides by itself, and learns from what you say.");
-    this.roundsTitle = el("h2", {}, "Rounds so far");
+    this.roundsTitle = el("h2", {}, "Rounds so far, in steps");
     const keys = el("details", { class: "keys" }, el("summary", {}, "Keys and words"), this.words, this.keysList());
     const face = el("div", { class: "frame" }, svg);
     face.addEventListener("pointerdown", (event) => this.swipeFrom(event));
@@ -391,6 +391,7 @@ export class Teach {
 
   fadeFate() {
     this.fate.classList.add("old");
+    this.fate.children[1].textContent = `${this.latest.label}: ${FATES[this.latest.state][1]}`;
     for (const button of this.pad.children) button.classList.remove("chosen");
   }
 

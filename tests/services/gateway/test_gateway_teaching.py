@@ -11,7 +11,18 @@ import pytest
 from protocol.messages import Answer, Episode, SaidBy, Step
 from services.gateway.config import GatewayConfig, GatewayError, place_of
 from services.gateway.secret import load_secrets
-from services.screens import FINISHED, Button, Field, FieldKind, Flow, FlowRefusal, Person, Screen, Value
+from services.screens import (
+    FINISHED,
+    Button,
+    Field,
+    FieldKind,
+    Flow,
+    FlowRefusal,
+    Person,
+    Screen,
+    TeachOnly,
+    Value,
+)
 from tests.services.gateway.gateway_house import Gateway, gateway
 from tests.services.teachers.fake_learner import KEYS, ROOM, Code, drop, refuse
 
@@ -210,6 +221,9 @@ class Study:
             len(self.screens) - 1 if button == "stop" else self.at.get(person.pseudonym, 0) + 1
         )
 
+    def depart(self, person: Person) -> None:
+        self.at.setdefault(person.pseudonym, 0)
+
 
 def test_a_flow_leads_through_screens_around_the_lesson(tmp_path: Path) -> None:
     study = Study()
@@ -234,20 +248,66 @@ def test_a_flow_leads_through_screens_around_the_lesson(tmp_path: Path) -> None:
         assert ann.next("screen")["screen"]["name"] == "effort"
         misfits: tuple[dict[str, Value], ...] = (
             {"demand": 21, "hand": "left"}, {"demand": 3, "hand": "none"}, {"demand": True, "hand": "left"},
-            {"demand": 3, "hand": "left", "why": "x" * 11},
+            {"demand": 3, "hand": "left", "why": "x" * 11}, {"demand": 2**53, "hand": "left"},
         )  # fmt: skip
+        ann.send("submit", screen="effort", button="go", values={"demand": 10**300})
+        assert ann.next("refused")["reason"] == "malformed"
         for values in misfits:
             ann.send("submit", screen="effort", button="go", values=values)
             assert ann.next("refused")["reason"] == "fields"
         ann.send("submit", screen="effort", button="go", values={"demand": 3, "hand": "left", "why": ""})
         assert ann.next("screen")["screen"]["code"] == "C0DE"
-        house.refused(fields=9)
+        house.refused(fields=10, frame_malformed=1)
     assert study.arrived == [{"PROLIFIC_PID": "P1", "other": "x"}]
     assert study.said == [
         ("consent", "go", {"agree": True}),
         ("teach", FINISHED, {}),
         ("effort", "go", {"demand": 3, "why": "", "hand": "left"}),
     ]
+
+
+class Timed(TeachOnly):
+    """Teaching until somebody elsewhere says that the time is over."""
+
+    def __init__(self) -> None:
+        self.over = False
+        self.departed: list[str] = []
+
+    def screen(self, person: Person) -> Screen:
+        return Screen("over", "Time is over") if self.over else Screen("teach", session=person.session)
+
+    def depart(self, person: Person) -> None:
+        self.departed.append(person.pseudonym)
+
+
+def test_a_flow_goes_on_by_itself_and_hears_who_has_gone(tmp_path: Path) -> None:
+    flow = Timed()
+    with gateway(tmp_path, flow=flow, leave_ms=50) as house:
+        ann, _ = house.teacher("ann")
+        flow.over = True
+        assert ann.next("screen")["screen"]["name"] == "over"
+        ann.socket.close()
+        house.status(lambda _: flow.departed == ["ann"])
+
+
+class Broken(TeachOnly):
+    """A flow with a mistake in it."""
+
+    def submit(self, person: Person, screen: str, button: str, values: Mapping[str, Value]) -> None:
+        raise ZeroDivisionError
+
+    def screen(self, person: Person) -> Screen:
+        return Screen("form", buttons=(Button("go", "Go"),))
+
+
+def test_a_mistake_of_ours_is_counted_and_the_person_goes_on(tmp_path: Path) -> None:
+    with gateway(tmp_path, flow=Broken()) as house:
+        ann = house.browser().hello(house.token("ann"))
+        ann.next("screen")
+        ann.send("submit", screen="form", button="go")
+        ann.send("ping")
+        ann.next("pong")
+        house.refused(fault=1)
 
 
 def test_a_flow_can_refuse_a_person(tmp_path: Path) -> None:
