@@ -1,6 +1,7 @@
 """`sfid aggregate`, `sfid said`: a crowd teaches as one teacher; who said what to whom."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -35,46 +36,53 @@ def add_to(app: typer.Typer) -> None:
     app.command()(said)
 
 
+DataDirectory = Annotated[
+    Path, typer.Option(help="Directory of the deployment; the journal is in crowd-NAME below.")
+]
+CrowdName = Annotated[str, typer.Option(help="Name under which the crowd teaches.")]
+Sessions = Annotated[
+    list[str] | None, typer.Option(help="Session that it may teach; may be repeated; default: any.")
+]
+CrowdDeployment = Annotated[
+    str | None, typer.Option(help="Deployment that its members use; default: the learner's name with -crowd.")
+]
+CrowdMethodOption = Annotated[str, typer.Option(help=f"How answers are weighed: {', '.join(CrowdMethod)}.")]
+Quorum = Annotated[int, typer.Option(help="Answers that close a decision; 0: everybody present.")]
+Margin = Annotated[int, typer.Option(help="How long before the learner's deadline it closes, in ms.")]
+Patience = Annotated[
+    int, typer.Option(help="How long after the first answer it closes where there is no deadline, in ms.")
+]
+AbstainBelow = Annotated[
+    float, typer.Option(help="Abstain when the best action is less probable than this, 0 to 1.")
+]
+Forgetting = Annotated[
+    float, typer.Option(help="What earlier answers keep of their weight at each further one, 0.5 to 1.")
+]
+InfluenceCap = Annotated[
+    float, typer.Option(help="Share of a decision that one worker may hold, above 0, up to 1.")
+]
+GoldShare = Annotated[
+    float, typer.Option(help="Share of the states with one optimal action that measure the workers, 0 to 1.")
+]
+Solver = Annotated[
+    bool, typer.Option(help="Let naming another optimal action cost nothing, where the solver knows.")
+]
+
+
 def aggregate(  # noqa: PLR0917 - one argument a flag
-    data: Annotated[
-        Path, typer.Option(help="Directory of the deployment; the journal is in crowd-NAME below.")
-    ],
-    name: Annotated[str, typer.Option(help="Name under which the crowd teaches.")] = "crowd",
-    session: Annotated[
-        list[str] | None, typer.Option(help="Session that it may teach; may be repeated; default: any.")
-    ] = None,
-    crowd_deployment: Annotated[
-        str | None,
-        typer.Option(help="Deployment that its members use; default: the learner's name with -crowd."),
-    ] = None,
-    method: Annotated[
-        str, typer.Option(help=f"How answers are weighed: {', '.join(CrowdMethod)}.")
-    ] = WEIGHING.method.value,
-    quorum: Annotated[
-        int, typer.Option(help="Answers that close a decision; 0: everybody present.")
-    ] = ROUNDS.quorum,
-    margin_ms: Annotated[
-        int, typer.Option(help="How long before the learner's deadline it closes, in ms.")
-    ] = ROUNDS.margin_ms,
-    patience_ms: Annotated[
-        int, typer.Option(help="How long after the first answer it closes where there is no deadline, in ms.")
-    ] = ROUNDS.patience_ms,
-    abstain_below: Annotated[
-        float, typer.Option(help="Abstain when the best action is less probable than this, 0 to 1.")
-    ] = WEIGHING.abstain_below,
-    forgetting: Annotated[
-        float, typer.Option(help="What earlier answers keep of their weight at each further one, 0.5 to 1.")
-    ] = WEIGHING.forgetting,
-    influence_cap: Annotated[
-        float, typer.Option(help="Share of a decision that one worker may hold, above 0, up to 1.")
-    ] = WEIGHING.influence_cap,
-    gold_share: Annotated[
-        float,
-        typer.Option(help="Share of the states with one optimal action that measure the workers, 0 to 1."),
-    ] = 0.0,
-    solver: Annotated[
-        bool, typer.Option(help="Let naming another optimal action cost nothing, where the solver knows.")
-    ] = True,
+    data: DataDirectory,
+    name: CrowdName = "crowd",
+    session: Sessions = None,
+    crowd_deployment: CrowdDeployment = None,
+    method: CrowdMethodOption = WEIGHING.method.value,
+    quorum: Quorum = ROUNDS.quorum,
+    margin_ms: Margin = ROUNDS.margin_ms,
+    patience_ms: Patience = ROUNDS.patience_ms,
+    abstain_below: AbstainBelow = WEIGHING.abstain_below,
+    forgetting: Forgetting = WEIGHING.forgetting,
+    influence_cap: InfluenceCap = WEIGHING.influence_cap,
+    gold_share: GoldShare = 0.0,
+    solver: Solver = True,
     seed: Seed = 0,
     connect: Connect = ENDPOINT,
     deployment: Deployment = "local",
@@ -86,23 +94,15 @@ def aggregate(  # noqa: PLR0917 - one argument a flag
     from services.aggregator.service import run
     from services.runtime.clock import SystemClock
 
+    rounds = RoundSettings(quorum, margin_ms, patience_ms)
+    weighing = replace(
+        WEIGHING, method=crowd_method(method), abstain_below=abstain_below, forgetting=forgetting,
+        influence_cap=influence_cap,
+    )  # fmt: skip
     config = AggregatorConfig(
-        data,
-        name,
-        deployment,
-        crowd_deployment or f"{deployment}-crowd",
-        tuple(session or ()),
-        RoundSettings(quorum, margin_ms, patience_ms),
-        CrowdSettings(
-            method=crowd_method(method),
-            abstain_below=abstain_below,
-            forgetting=forgetting,
-            influence_cap=influence_cap,
-        ),
-        solver=solver,
-        gold_share=gold_share,
-        seed=seed,
-    )
+        data, name, deployment, crowd_deployment or f"{deployment}-crowd", tuple(session or ()), rounds,
+        weighing, solver=solver, gold_share=gold_share, seed=seed,
+    )  # fmt: skip
     process = ServiceProcess(ProcessConfig(f"aggregator-{name}", supervised_fd, verbose))
     bus = service_bus(connect, process.stop)
     try:
