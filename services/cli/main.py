@@ -20,6 +20,7 @@ from services.cli import (
     serve,
     session,
     simulate,
+    study,
     teach,
     up,
 )
@@ -60,6 +61,7 @@ for group in (
     crowd,
     experiment,
     simulate,
+    study,
 ):
     group.add_to(app)
 

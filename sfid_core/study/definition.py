@@ -74,6 +74,8 @@ class Lesson:
     """A session that each participant teaches alone."""
 
     level: str
+    """In XSB."""
+    level_name: str
     starts: str
     episodes: int
     window: Window

@@ -5,7 +5,7 @@ from typing import Any
 from sfid_core.session.config import Window, WindowMode
 from sfid_core.study.definition import Condition, Consent, Design, Lesson, Study
 
-LESSON = Lesson("#####\n#@$.#\n#####", "1", 2, Window(WindowMode.UNTIL_ANSWERED))
+LESSON = Lesson("#####\n#@$.#\n#####", "push", "1", 2, Window(WindowMode.UNTIL_ANSWERED))
 CONSENT = Consent("1", "You teach an agent for ten minutes.")
 LABELS = Condition("labels", "sfid")
 REWARDS = Condition("rewards", "reward")

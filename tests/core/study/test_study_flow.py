@@ -28,7 +28,7 @@ from sfid_core.study.flow import (
 )
 from tests.core.study.studies import CONSENT, study, within
 
-RATINGS = (60, 5, 40, 20, 55, 0)
+RATINGS: tuple[int, ...] = (60, 5, 40, 20, 55, 0)
 STUDIES = {
     "between": study(),
     "within": within(),
@@ -45,12 +45,13 @@ def consented(of: Study, number: int = 0) -> Consented:
 
 def whole_way(of: Study) -> list[Event]:
     """Return what ends each step, from consent to done."""
-    ends = {StepKind.READ: Read, StepKind.TEACH: Taught}
+    ends: dict[StepKind, type[Read | Taught]] = {StepKind.READ: Read, StepKind.TEACH: Taught}
     events: list[Event] = [Joined("c0de"), consented(of)]
-    return events + [
+    events.extend(
         Rated(step.name, RATINGS) if step.kind is StepKind.RATE else ends[step.kind](step.name)
         for step in steps_of(of)[1:-1]
-    ]
+    )
+    return events
 
 
 WAYS = [pytest.param(of, id=name) for name, of in STUDIES.items()]

@@ -1,0 +1,175 @@
+"""A running study, and participants who walk through it over the real gateway's websocket."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qsl, urlsplit
+
+from websockets.sync.client import connect
+
+from services.teachers.scripted import optimal_names
+from sfid_core.study.effort import SCALES
+from tests.services.gateway.gateway_house import Browser
+
+START_S = 60.0
+LESSON_S = 60.0
+STUDY = """
+name = "{name}"
+title = "Teach an agent"
+design = "{design}"
+seed = 1
+recruiter = "{recruiter}"
+completion_code = "{code}"
+[consent]
+version = "1"
+text = "First.\\n\\nSecond."
+[[conditions]]
+name = "labels"
+method = "sfid"
+[[conditions]]
+name = "rewards"
+method = "reward"
+[practice]
+level = "classroom:0"
+starts = "1"
+episodes = 1
+[teaching]
+level = "classroom:0"
+starts = "1"
+episodes = {episodes}
+"""
+
+
+def study_file(folder: Path, **changes: Any) -> Path:  # noqa: ANN401 - any key of the text
+    """Write a small study and return its file."""
+    fields: dict[str, Any] = {
+        "name": "maze", "design": "between", "recruiter": "none", "code": "", "episodes": 3,
+    }  # fmt: skip
+    path = folder / "maze.toml"
+    path.write_text(STUDY.format(**(fields | changes)))
+    return path
+
+
+@dataclass
+class Running:
+    """A study that runs in processes of its own."""
+
+    file: Path
+    data: Path
+    link: str
+    stack: ExitStack
+
+    def participant(self, number: int, **arrival: str) -> "Participant":
+        """Return somebody with a browser of their own, who has opened the link."""
+        return Participant(self, f"{number:032x}", arrival)
+
+
+@contextmanager
+def running(file: Path, data: Path) -> Iterator[Running]:
+    """Yield the study as `sfid study run` starts it."""
+    command = [sys.executable, "-P", "-m", "services.cli.main", "study", "run", str(file)]
+    command += ["--data", str(data), "--listen", "127.0.0.1:0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline().startswith("participants of")
+            with ExitStack() as stack:
+                yield Running(file, data, process.stdout.readline().strip(), stack)
+        finally:
+            process.terminate()
+            process.wait(START_S)
+
+
+@dataclass
+class Participant:
+    """One person: what they see, and what they do about it."""
+
+    study: Running
+    nonce: str
+    arrival: dict[str, str]
+    token: str = ""
+    pseudonym: str = ""
+    screen: dict[str, Any] = field(default_factory=dict)
+    browser: Browser | None = None
+    answers: int = 0
+    seen: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.open()
+
+    def open(self) -> str:
+        """Open the page, for the first time or again, and return the screen's name."""
+        parts = urlsplit(self.study.link)
+        arrival = self.arrival or dict(parse_qsl(parts.query))
+        opened = connect(
+            f"ws://{parts.netloc}/socket",
+            origin=f"http://{parts.netloc}",  # type: ignore[arg-type]
+            compression=None,
+            proxy=None,
+        )
+        socket = self.study.stack.enter_context(opened)
+        self.browser = Browser(socket).hello(self.token or parts.fragment[2:], self.nonce, **arrival)
+        you = self.browser.next("you")
+        self.token, self.pseudonym = you["token"], you["pseudonym"]
+        return self.look()
+
+    def look(self) -> str:
+        """Wait for the next screen and return its name."""
+        assert self.browser is not None
+        self.screen = self.browser.next("screen")["screen"]
+        self.seen.append(self.screen["name"])
+        return str(self.screen["name"])
+
+    def press(self, button: str, /, **values: Any) -> str:  # noqa: ANN401 - any value of a field
+        """Press a button of the screen and return the name of the next."""
+        self.send(button, **values)
+        return self.look()
+
+    def send(self, button: str, /, screen: str | None = None, **values: Any) -> None:  # noqa: ANN401
+        assert self.browser is not None
+        self.browser.send("submit", screen=screen or self.screen["name"], button=button, values=values)
+
+    def refused(self) -> str:
+        assert self.browser is not None
+        return str(self.browser.next("refused")["text"])
+
+    def agree(self) -> str:
+        return self.press("agree", agreed=True)
+
+    def rate(self, *ratings: int) -> str:
+        return self.press(
+            "send", **{scale.name: rating for scale, rating in zip(SCALES, ratings, strict=True)}
+        )
+
+    def teach(self, answers_max: int = 10_000) -> str:
+        """Teach until the screen changes, or so many answers were given; return the screen's name."""
+        assert self.browser is not None
+        wanted = self.answers + answers_max
+        while self.answers < wanted:
+            frame = dict(json.loads(self.browser.socket.recv(timeout=LESSON_S)))
+            if frame["type"] == "screen":
+                self.screen = frame["screen"]
+                self.seen.append(self.screen["name"])
+                break
+            if frame["type"] == "decision" and frame["phase"] == "asking":
+                self._answer(frame)
+        return str(self.screen["name"])
+
+    def _answer(self, decision: dict[str, Any]) -> None:
+        assert self.browser is not None
+        self.answers += 1
+        number = int(self.nonce, 16) * 100_000 + self.answers
+        best = OPTIMAL(decision["view"])
+        if decision["asked"] == "label":
+            self.browser.answer(number, decision, action=best[0])
+        else:
+            said = {"kind": "reward", "action": decision["action"]}
+            self.browser.answer(number, decision, **said, reward=1.0 if self.answers % 3 else -1.0)
+
+
+OPTIMAL = optimal_names()
