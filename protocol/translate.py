@@ -80,6 +80,14 @@ def answer_given(message: wire.Answer, numbers: Mapping[str, int]) -> AnswerGive
     if answer.kind is AnswerKind.REWARD and answer.reward is None:
         text = "a reward has a value from -1 to 1: give one, or the kind abstain"
         raise UnknownAction(text)
+    if answer.kind is AnswerKind.GUIDANCE and not answer.guidance:
+        text = (
+            f"guidance names the actions worth considering: some of {', '.join(numbers)}, or the kind abstain"
+        )
+        raise UnknownAction(text)
+    if answer.kind is AnswerKind.MISTAKE and answer.steps is None:
+        text = "a mark names its first and last step: give `mistake`, or the kind abstain"
+        raise UnknownAction(text)
     return AnswerGiven(message.teacher, message.answer_id, message.decision, message.state, answer)
 
 

@@ -6,6 +6,7 @@ reduction and no chance but `sfid_core.chance`.
 """
 
 from collections.abc import Callable, Mapping
+from dis import get_instructions
 from functools import cache
 from importlib.util import find_spec
 from types import FunctionType
@@ -49,7 +50,7 @@ def compiled(function: Kernel, parts: Mapping[str, Callable[..., Any]], name: st
 
 def _linked(function: FunctionType, parts: dict[str, Callable[..., Any]]) -> FunctionType:
     replaced = dict(parts)
-    for called in function.__code__.co_names:
+    for called in _globals_of(function):
         inner = function.__globals__.get(called)
         if called not in parts and inner in _KERNELS and _mentions(inner, parts):
             replaced[called] = _linked(inner, parts)
@@ -58,11 +59,18 @@ def _linked(function: FunctionType, parts: dict[str, Callable[..., Any]]) -> Fun
 
 def _mentions(function: FunctionType, parts: Mapping[str, Callable[..., Any]]) -> bool:
     """Tell whether a kernel, or one that it calls, refers to a part by name."""
-    for called in function.__code__.co_names:
+    for called in _globals_of(function):
         inner = function.__globals__.get(called)
         if called in parts or (inner in _KERNELS and _mentions(inner, parts)):
             return True
     return False
+
+
+@cache
+def _globals_of(function: FunctionType) -> tuple[str, ...]:
+    """Return the names of globals that a function reads; an attribute of the same name is none."""
+    loads = (one.argval for one in get_instructions(function) if one.opname == "LOAD_GLOBAL")
+    return tuple(dict.fromkeys(loads))
 
 
 @cache
@@ -76,7 +84,7 @@ def _compiled(
     import numba  # noqa: PLC0415 - optional, and half a second to load
 
     replaced = dict(parts)
-    for called in function.__code__.co_names:
+    for called in _globals_of(function):
         part = replaced.get(called, function.__globals__.get(called))
         native = _NATIVE.get(part, part) if isinstance(part, FunctionType) else part
         if isinstance(native, FunctionType) and (native in _KERNELS or native is not part):

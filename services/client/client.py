@@ -7,7 +7,7 @@ from functools import partial
 from queue import Empty, SimpleQueue
 from random import Random
 from types import TracebackType
-from typing import Any, Literal, NamedTuple, Self, cast
+from typing import Any, Literal, Self, cast
 
 from protocol.codec import DecodeError, decode, encode
 from protocol.keys import Keys, checked
@@ -19,11 +19,14 @@ from protocol.messages import (
     Done,
     Episode,
     Join,
+    MistakeMark,
     Refusal,
     Step,
     Welcome,
     WindowSpec,
 )
+from services.client.answered import Answered, answered_with
+from services.client.checks import check_fits
 from services.client.delivery import FAR_NS, Delivery, HandleReply
 from services.client.updates import (
     AnswerState,
@@ -52,15 +55,6 @@ INBOX_MAX = 4096
 
 _FINAL, _NOBODY = frozenset({"denied", "invalid", "malformed", "conflict"}), (-1, -1)
 _CHANCE = secrets.SystemRandom()
-
-
-class _Answered(NamedTuple):
-    """The last answer, and the window it was given to."""
-
-    answer_id: bytes
-    epoch: int
-    decision: int
-    asked: str
 
 
 class Client:
@@ -100,7 +94,7 @@ class Client:
         self._newest = _NOBODY
         self._current: Opened | None = None
         self._shown = (_NOBODY, 0)
-        self._answered: _Answered | None = None
+        self._answered: Answered | None = None
         self._epoch: int | None = None
         self._connected: bool | None = None
         self._join_due_ns: int | None = None
@@ -176,16 +170,18 @@ class Client:
         action: str | None = None,
         reward: float | None = None,
         guidance: tuple[str, ...] = (),
+        mistake: MistakeMark | None = None,
         posterior: Mapping[str, float] | None = None,
         at_ns: int | None = None,
     ) -> bytes:
         """Store an answer, send it until it is acknowledged, and return its id at once.
 
         Args: kind: what is said; None is what the decision asks for.  action: a label, one of
-        `decision.actions`.  reward: in [-1, 1].  at_ns: when it was given, now when None.
+        `decision.actions`; with a mistake, what should have been done.  reward: in [-1, 1].  at_ns: when it
+        was given, now when None.
         Raises: ValueError when the answer does not fit the decision, OutboxError when it cannot be kept.
         """
-        _check_fits(decision, kind := kind or decision.asked, action, reward)
+        kind = kind or decision.asked
         message = Answer(
             answer_id=self._chance.randbytes(16),
             session=self.session,
@@ -199,38 +195,25 @@ class Client:
             action=decision.action if kind == "reward" else action,
             reward=reward,
             guidance=guidance,
+            mistake=mistake,
             posterior=None if posterior is None else dict(posterior),
             response_ms=self._response_ms(decision, self._clock.now_ns() if at_ns is None else at_ns),
             token=self._token,
         )
+        check_fits(message, decision.actions)
         return self.send(message)
 
     def send(self, message: Answer) -> bytes:
         """Store an answer that the caller made and keeps, send it until it is acknowledged; return its id."""
-        self._answered = _Answered(message.answer_id, message.epoch, message.decision, self._asked(message))
+        self._answered = answered_with(message, self._current.decision if self._current else None)
         # In this order: a bus in the same thread may bring the acknowledgement before `send` returns.
         self._inbox.put((self._updates.append, AnswerUpdate(message.answer_id, AnswerState.SENDING)))
         self._delivery.send(message.answer_id, encode(message))
         return message.answer_id
 
     def has_answered(self, decision: Decision) -> bool:
-        """Tell whether the last answer was to this window and has not been rejected, whatever the epoch.
-
-        A decision has two windows where teachers are asked before and after the action.
-        """
-        answered = self._answered
-        return answered is not None and (answered.decision, answered.asked) == (
-            decision.decision,
-            decision.asked,
-        )
-
-    def _asked(self, message: Answer) -> str:
-        """Return what the window asked that a message answers."""
-        if message.kind == "undo":
-            return "reward"
-        if message.kind != "abstain" or self._current is None:
-            return message.kind
-        return self._current.decision.asked
+        """Tell whether the last answer was to this window and has not been rejected, whatever the epoch."""
+        return self._answered is not None and self._answered.was_to(decision)
 
     def control(
         self, verb: Literal["window", "pause", "resume", "stop"], window: WindowSpec | None = None
@@ -411,17 +394,6 @@ class Client:
         if due_ns is None:
             due_ns = FAR_NS if finished else self._heard_ns + QUIET_MS * 1_000_000
         return min(due_ns, self._delivery.repeat(now_ns))
-
-
-def _check_fits(decision: Decision, kind: str, action: str | None, reward: float | None) -> None:
-    if action is not None and action not in decision.actions:
-        raise ValueError(f"action {action!r} is not one of {', '.join(decision.actions)}")
-    if kind == "label" and action is None:
-        raise ValueError(f"a label needs an action, one of {', '.join(decision.actions)}")
-    if kind == "reward" and (reward is None or not -1.0 <= reward <= 1.0):
-        raise ValueError(f"reward = {reward}: give a number from -1 to 1")
-    if kind == "nothing":
-        raise ValueError("this decision asks for nothing: watch it, or abstain")
 
 
 def _measured(message: Step | Episode) -> Learnt | EpisodeOver:

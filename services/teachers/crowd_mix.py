@@ -107,6 +107,10 @@ class Looking:
         """See Mind."""
         return self._teacher.guidance(decision, state, optimal)
 
+    def mark(self, decision: int, state: bytes, action: int, optimal: Iterable[int]) -> int | None:
+        """See Mind."""
+        return self._teacher.mark(decision, state, action, optimal)
+
     def delay_ms(self, _decision: int) -> float:
         """See Mind; a worker's delay is the mix's own."""
         return 0.0
@@ -133,6 +137,11 @@ class Blind:
         """See Mind."""
         label = self.label(decision, state, optimal)
         return () if label is None else (label,)
+
+    def mark(self, decision: int, state: bytes, action: int, optimal: Iterable[int]) -> int | None:
+        """See Mind."""
+        label = self.label(decision, state, optimal)
+        return None if label == action else label
 
     def delay_ms(self, _decision: int) -> float:
         """See Mind; a worker's delay is the mix's own."""

@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import Protocol
 
 from protocol.keys import Keys
-from protocol.messages import Decision, Step
+from protocol.messages import Decision, MistakeMark, Step
 from services.client import (
     AnswerState,
     AnswerUpdate,
@@ -65,6 +65,8 @@ class Said:
     action: str | None = None
     reward: float | None = None
     guidance: tuple[str, ...] = ()
+    mistake: bool = False
+    """The step that was seen was one; `action` is what should have been done."""
 
 
 class Mind(Protocol):
@@ -78,6 +80,9 @@ class Mind(Protocol):
 
     def guidance(self, decision: int, state: bytes, optimal: Iterable[int]) -> tuple[int, ...]:
         """Return the actions worth considering in a state, none for silence."""
+
+    def mark(self, decision: int, state: bytes, action: int, optimal: Iterable[int]) -> int | None:
+        """Return what should have been done instead of an action, None where it was no mistake."""
 
     def delay_ms(self, decision: int) -> float:
         """Return the time to answer."""
@@ -162,9 +167,13 @@ class Script:
         if decision.asked == "guidance":
             chosen = self._teacher.guidance(number, decision.state, self._indexes(decision.view, names))
             return Said(decision, guidance=tuple(names[action] for action in chosen))
-        if decision.asked == "reward" and decision.action and self._before and self._before[0] == number:
+        judges = decision.asked in {"reward", "mistake"}
+        if judges and decision.action and self._before and self._before[0] == number:
             optimal = self._indexes(self._before[1], names)
             action = names.index(decision.action)
+            if decision.asked == "mistake":
+                better = self._teacher.mark(number, decision.state, action, optimal)
+                return Said(decision, action=None if better is None else names[better], mistake=True)
             return Said(decision, reward=self._teacher.reward(number, decision.state, action, optimal))
         return Said(decision)
 
@@ -222,7 +231,11 @@ def run(
                 break
             if isinstance(update, Refused) and update.final:
                 raise ScriptedError(f"session {config.session!r}: {update.reason} ({update.code})")
-            if isinstance(update, Welcomed) and update.welcome.decision.asked in {"reward", "guidance"}:
+            if isinstance(update, Welcomed) and update.welcome.decision.asked in {
+                "reward",
+                "guidance",
+                "mistake",
+            }:
                 client.watch_measures()  # the state before the action, should a decision message be lost
             if update is not None:
                 script.hear(update, clock.now_ns())
@@ -262,10 +275,12 @@ def _wait_s(due_ns: int | None, clock: Clock) -> float:
 
 def _tell(client: Client, said: Said) -> None:
     silent = said.action is None and said.reward is None and not said.guidance
+    step = said.decision.step
     client.answer(
         said.decision,
         kind="abstain" if silent else None,
         action=said.action,
         reward=said.reward,
         guidance=said.guidance,
+        mistake=None if silent or not said.mistake else MistakeMark(first_step=step, last_step=step),
     )

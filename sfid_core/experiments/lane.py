@@ -174,7 +174,9 @@ def run_step(  # noqa: PLR0913, PLR0917 - as run_lanes
     next_state = world.successor[state * m.actions + action]
     reward = world.reward[state * m.actions + action]
     ended = world.outcome[next_state]
-    evidence, judged = said_after(world, plan, teachers, keys, scratch, state, action, before, decision)
+    evidence, judged = said_after(
+        world, plan, teachers, keys, scratch, state, action, steps, before, decision
+    )
     here, there = world.distance[state], world.distance[next_state]
     transition = Transition(state, action, reward, next_state, ended > 0, steps, here, there, 0.0)
     learned = learn(m, p, transition, evidence)

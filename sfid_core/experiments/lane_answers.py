@@ -6,6 +6,7 @@ from sfid_core.compiled import kernel
 from sfid_core.experiments.lane_world import (
     ASK_GUIDANCE,
     ASK_LABEL,
+    ASK_MISTAKE,
     ASK_REWARD,
     LanePlan,
     LaneTeacher,
@@ -13,7 +14,7 @@ from sfid_core.experiments.lane_world import (
     Scratch,
 )
 from sfid_core.learning.kernels import Evidence
-from sfid_core.teaching.kernels import guidance_of, label_of, reward_of
+from sfid_core.teaching.kernels import guidance_of, label_of, mark_of, reward_of
 
 
 @kernel
@@ -49,6 +50,7 @@ def said_after(  # noqa: PLR0913, PLR0917 - what an answer depends on
     scratch: Scratch,
     state: int,
     action: int,
+    step: int,
     before: Evidence,
     decision: int,
 ) -> tuple[Evidence, int]:
@@ -59,6 +61,11 @@ def said_after(  # noqa: PLR0913, PLR0917 - what an answer depends on
         if praise != 0.0:
             nowhere = scratch.one_hot[actions]
             return Evidence(1, -1, nowhere, praise, before.guidance, -1, -1, 0.0, 0), given
+        return before, given
+    if plan.teachers > 0 and plan.asks_after == ASK_MISTAKE:
+        better, given = merged_mark(world, plan, teachers, keys, scratch.votes, state, action, decision)
+        if better >= 0:
+            return Evidence(1, better, scratch.one_hot[better], 0.0, 0, step, step, 0.0, 0), given
         return before, given
     return before, 0
 
@@ -90,15 +97,56 @@ def merged_label(
         if label >= 0:
             votes[label] += 1.0
             given += 1
+    return most_votes(votes), given
+
+
+@kernel
+def most_votes(votes: MutableSequence[float]) -> int:
+    """Return the action with most votes; -1 for a tie or where there are none."""
     chosen = -1
     most = 0.0
-    for action in range(actions):
+    for action in range(len(votes)):
         if votes[action] > most:
             most = votes[action]
             chosen = action
         elif votes[action] == most:
             chosen = -1
-    return chosen, given
+    return chosen
+
+
+@kernel
+def merged_mark(
+    world: LaneWorld,
+    plan: LanePlan,
+    teachers: tuple[LaneTeacher, ...],
+    keys: Sequence[int],
+    votes: MutableSequence[float],
+    state: int,
+    action: int,
+    decision: int,
+) -> tuple[int, int]:
+    """Return what most who mark the step would have done, -1 for none or a tie, and how many mark."""
+    actions = len(votes)
+    given = 0
+    for other in range(actions):
+        votes[other] = 0.0
+    for number in range(plan.teachers):
+        teacher = teachers[number]
+        better = mark_of(
+            teacher.parameters,
+            teacher.memory,
+            keys[number],
+            decision,
+            state,
+            world.word[state],
+            world.optimal[state],
+            action,
+            actions,
+        )
+        if better >= 0:
+            votes[better] += 1.0
+            given += 1
+    return most_votes(votes), given
 
 
 @kernel

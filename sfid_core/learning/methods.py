@@ -10,6 +10,7 @@ from sfid_core.learning.dagger import DAGGER
 from sfid_core.learning.guidance import GUIDANCE
 from sfid_core.learning.guide import GUIDE
 from sfid_core.learning.isabl import ISABL
+from sfid_core.learning.marks import MARKS
 from sfid_core.learning.method import Method
 from sfid_core.learning.parameters import ParameterError, Value, parameters_of
 from sfid_core.learning.pies import PIES
@@ -40,6 +41,7 @@ _METHODS = (
     CLONE,
     DAGGER,
     GUIDE,
+    MARKS,
 )
 METHODS: dict[str, Method] = {method.name: method for method in _METHODS}
 

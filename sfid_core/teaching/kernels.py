@@ -209,6 +209,25 @@ def reward_of(  # noqa: PLR0913, PLR0917 - what a reward depends on
 
 
 @kernel
+def mark_of(  # noqa: PLR0913, PLR0917 - as reward_of
+    t: TeacherParameters,
+    m: TeacherMemory,
+    key: int,
+    decision: int,
+    state: int,
+    word: int,
+    optimal: int,
+    action: int,
+    actions: int,
+) -> int:
+    """Return what should have been done where the teacher holds the action wrong; -1 marks nothing."""
+    if reward_of(t, m, key, decision, state, word, optimal, action, actions) >= 0.0:
+        return -1
+    named = preferred_of(preference_key(t, key, decision), word, optimal, actions)
+    return -1 if named == action else named
+
+
+@kernel
 def delay_of(t: TeacherParameters, key: int, decision: int) -> float:
     """Return the time to the answer in ms."""
     if t.delay == 0:

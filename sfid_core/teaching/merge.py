@@ -1,5 +1,6 @@
 """How the answers of several direct teachers become one: a vote each, and a tie is silence (our rule)."""
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from sfid_core.learning.kernels import Evidence
@@ -25,6 +26,9 @@ def merge(answers: Sequence[Answer], actions: int, delay_ms: float) -> Evidence:
     reward = merge_rewards(answers)
     if reward is not None:
         return Evidence(given=1, belief=_nowhere(actions), reward=reward, delay_ms=delay_ms)
+    mark = merge_marks(answers)
+    if mark is not None:
+        return _alone(mark, actions, delay_ms)
     guidance = merge_guidance(answers)
     if guidance:
         return Evidence(given=1, belief=_nowhere(actions), guidance=guidance, delay_ms=delay_ms)
@@ -80,6 +84,13 @@ def merge_rewards(answers: Iterable[Answer]) -> float | None:
         return None
     side = praise if len(praise) > len(blame) else blame
     return sum(side) / len(side)
+
+
+def merge_marks(answers: Iterable[Answer]) -> Answer | None:
+    """Return the mark (stretch and correction) that most teachers made, or None for none or a tie."""
+    votes = Counter(answer for answer in answers if answer.kind is AnswerKind.MISTAKE)
+    (mark, most), *others = votes.most_common(2) or [(None, 0)]
+    return None if others and others[0][1] == most else mark
 
 
 def merge_guidance(answers: Iterable[Answer]) -> int:

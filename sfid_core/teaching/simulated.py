@@ -11,6 +11,7 @@ from sfid_core.teaching.kernels import (
     delay_of,
     guidance_of,
     label_of,
+    mark_of,
     preference_key,
     preferred_of,
     reward_of,
@@ -58,6 +59,17 @@ class SimulatedTeacher:
         word, bits = state_word(state), action_bits(optimal)
         said = label_of(self.parameters, self._memory, self.key, decision, word, bits, self._actions)
         return None if said < 0 else said
+
+    def mark(self, decision: int, state: bytes, action: int, optimal: Iterable[int]) -> int | None:
+        """Return what should have been done instead of `action`, or None where nothing is marked.
+
+        Args: state: the state that the agent acted in, which `optimal` belongs to.
+        """
+        bits, word, number = action_bits(optimal), state_word(state), self._number(state)
+        named = mark_of(
+            self.parameters, self._memory, self.key, decision, number, word, bits, action, self._actions
+        )
+        return None if named < 0 else named
 
     def guidance(self, decision: int, state: bytes, optimal: Iterable[int]) -> tuple[int, ...]:
         """Return the actions this teacher points at, ascending; none is silence."""

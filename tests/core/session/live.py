@@ -114,5 +114,8 @@ class Live:
         if self.session.asks is AnswerKind.GUIDANCE:
             guidance = teacher.guidance(decision, state, optimal)
             return Answer(AnswerKind.GUIDANCE, guidance=guidance) if guidance else None
+        if self.session.asks is AnswerKind.MISTAKE:
+            better, step = teacher.mark(decision, state, action, optimal), self.session.step
+            return None if better is None else Answer(AnswerKind.MISTAKE, action=better, steps=(step, step))
         reward = teacher.reward(decision, state, action, optimal)
         return None if reward is None else Answer(AnswerKind.REWARD, reward=reward)
