@@ -60,7 +60,6 @@ BUGS = (
         LEARNER,
         "        self._unsent.append((request, encode(reply)))\n",
         "        request.reply(encode(reply))\n",
-        seeds=96,
     ),
     Bug(
         "a failed commit is taken for a good one and its rows are forgotten",

@@ -69,6 +69,14 @@ def test_one_json_document_says_what_came_of_the_seeds() -> None:
     assert document["steps"] > 0
 
 
+def test_a_long_lesson_has_three_teachers_and_at_least_the_decisions_that_were_asked_for() -> None:
+    drawn = scenario(SEED, 60)
+    judged = judge(SEED, 60)
+    assert len(drawn.lesson.teachers) == 3
+    assert judged.failures == ()
+    assert judged.steps >= 60
+
+
 def test_a_failure_is_told_with_the_command_that_repeats_it_and_exit_1(tmp_path: Path) -> None:
     bug = next(bug for bug in BUGS if bug.name == "some steps are not journaled")
     where = plant(bug, tmp_path)
