@@ -336,6 +336,34 @@ class SessionReport(Wire, frozen=True, kw_only=True, tag="session-report"):
     """At most 100, from `first_episode` on."""
 
 
+class RowsQuery(Wire, frozen=True, kw_only=True, tag="rows-query"):
+    """Ask for a session's journal from a row on: whoever comes late reads what happened before."""
+
+    session: Name
+    after_seq: Count = 0
+    """The last row already read; 0 begins at the beginning."""
+
+
+class JournalRow(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One row of a session's journal, as `protocol.journal` reads it."""
+
+    seq: Count
+    kind: Name
+    at_ns: Nanoseconds
+    body: bytes
+
+
+class JournalRows(Wire, frozen=True, kw_only=True, tag="journal-rows"):
+    """Rows of a session's journal in order; an erased row is left out."""
+
+    session: Name
+    rows: Annotated[tuple[JournalRow, ...], Meta(max_length=1024)] = ()
+    after_seq: Count
+    """The last row that this reply covers: what to ask for next."""
+    whole: bool
+    """Whether there was nothing after these rows."""
+
+
 # ---------------------------------------------------------------- learner -> environment, and its replies
 
 

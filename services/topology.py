@@ -67,7 +67,7 @@ def _aggregator(keys: Keys, crowd: Keys) -> Node:
 
 def _services(keys: Keys) -> tuple[Node, ...]:
     worlds = (keys.environment("begin"), keys.environment("execute"))
-    sessions = (keys.learner("create"), keys.learner("list"), keys.learner("show"))
+    sessions = tuple(keys.learner(verb) for verb in ("create", "list", "show", "rows"))
     return (
         Node(
             Role.ENVIRONMENT,
@@ -94,7 +94,7 @@ def _clients(keys: Keys) -> tuple[Node, ...]:
             Role.MONITOR,
             "draws sessions for remote viewing; may be slow, absent or dead",
             subscribes=(*news, keys.crowd()),
-            asks=(keys.learner("list"), keys.learner("show")),
+            asks=(keys.learner("list"), keys.learner("show"), keys.learner("rows")),
         ),
         Node(
             Role.TEACHER,

@@ -10,7 +10,10 @@ from protocol.journal import Kind
 from protocol.messages import (
     CreateSession,
     Done,
+    JournalRow,
+    JournalRows,
     Refusal,
+    RowsQuery,
     SessionList,
     SessionQuery,
     SessionReport,
@@ -36,6 +39,12 @@ SENDERS_A_REPORT = 100
 LIST_BYTES_MAX = PAYLOAD_MAX - 1_024
 """A longer reply would be dropped in silence on its way: some 300 sessions fit."""
 
+ROWS_A_PAGE = 256
+"""Rows of the journal in one reply: some 2 ms of the loop, so that teaching goes on beside a late watcher."""
+ROWS_BYTES_MAX = PAYLOAD_MAX - 4_096
+ROW_BYTES = 64
+"""What a row costs in a reply beside its body, at most."""
+
 
 class Office:
     """Serves requests about sessions on the loop's thread."""
@@ -46,6 +55,7 @@ class Office:
             "create": self._on_create,
             "list": self._on_list,
             "show": self._on_show,
+            "rows": self._on_rows,
         }
 
     def _on_create(self, request: Request) -> None:
@@ -99,6 +109,34 @@ class Office:
             return
         # After the commit: whoever reads the journal next finds what the report says.
         self._learner.reply_durably(request, self._report(live, message.first_episode))
+
+    def _on_rows(self, request: Request) -> None:
+        try:
+            message = decode(request.payload, RowsQuery)
+        except DecodeError as error:
+            request.reply_error(encode(Refusal(code="malformed", reason=str(error))))
+            return
+        if message.session not in self._learner.sessions:
+            reason = f"no session {message.session} here: `sfid session list` shows what there is"
+            request.reply_error(encode(Refusal(code="unknown-session", reason=reason)))
+            return
+        # After the commit, as a report: no reader is told what a crash could still take back.
+        self._learner.reply_durably(request, self._rows(message.session, message.after_seq))
+
+    def _rows(self, session: str, after_seq: int) -> JournalRows:
+        rows: list[JournalRow] = []
+        size = read = 0
+        whole = True
+        for row in self._learner.shard.rows(session, after_seq):
+            size += ROW_BYTES + len(row.body or b"")
+            # The first row goes in any case: a page without one would be asked for again for ever.
+            if read and (size > ROWS_BYTES_MAX or read == ROWS_A_PAGE):
+                whole = False
+                break
+            read, after_seq = read + 1, row.seq
+            if row.body is not None:
+                rows.append(JournalRow(seq=row.seq, kind=row.kind, at_ns=row.at_ns, body=row.body))
+        return JournalRows(session=session, rows=tuple(rows), after_seq=after_seq, whole=whole)
 
     def _report(self, live: LiveSession, first: int) -> SessionReport:
         session = live.session
