@@ -1,21 +1,11 @@
 // The lesson: the agent's world, what is asked, and what became of every answer.
 
-import { Board, STEPS, inWords, sample } from "./board.js";
+import { Board, inWords, sample } from "./board.js";
 import { cry, el, say, seconds } from "./dom.js";
 import { Gate } from "./gate.js";
 import { keepsForGood, randomHex } from "./keep.js";
+import { KEYS, Pad, saidByKey, way } from "./pad.js";
 
-const WAYS = [
-  ["UP", "↑", "Up"],
-  ["LEFT", "←", "Left"],
-  ["RIGHT", "→", "Right"],
-  ["DOWN", "↓", "Down"],
-];
-const LABEL_KEYS = {
-  ArrowLeft: "LEFT", h: "LEFT", a: "LEFT", ArrowDown: "DOWN", j: "DOWN", s: "DOWN",
-  ArrowUp: "UP", k: "UP", w: "UP", ArrowRight: "RIGHT", l: "RIGHT", d: "RIGHT",
-};
-const REWARD_KEYS = { "+": 1, "=": 1, p: 1, "-": -1, b: -1 };
 const SWIPE_PX = 24;
 const RESEND_MS = 3000;
 const FATES = {
@@ -30,7 +20,6 @@ const OUTCOMES = { solved: "solved", deadlock: "stuck", cap: "out of steps", run
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 
 const nameOf = (decision) => (decision ? `${decision.session}/${decision.epoch}/${decision.decision}` : null);
-const lowered = (action) => action.charAt(0) + action.slice(1).toLowerCase();
 
 export class Teach {
   constructor(wire, outbox) {
@@ -68,7 +57,7 @@ export class Teach {
     this.clock = el("span", { class: "clock", "aria-hidden": "true" });
     this.bar = el("i");
     this.fate = el("p", { class: "fate", "data-state": "none" }, el("b", { "aria-hidden": "true" }), el("span", {}, "Your answers show here."));
-    this.pad = el("div", { class: "pad", role: "group", "aria-labelledby": "asks" });
+    this.pad = new Pad((input, said, event) => this.press(input, said, event));
     this.words = el("p", { class: "words" });
     this.rounds = el("ol", { class: "rounds", "aria-label": "Rounds so far" });
     this.purpose = el("p", {}, "The agent pushes every box onto a goal. It decides by itself, and learns from what you say.");
@@ -82,7 +71,7 @@ export class Teach {
       face,
       el("section", { class: "side" },
         el("div", { class: "question" }, this.asks, this.clock, el("div", { class: "bar", "aria-hidden": "true" }, this.bar)),
-        this.pad, this.fate,
+        this.pad.root, this.fate,
         el("div", { class: "more" }, this.roundsTitle, this.rounds, this.about(), keys)),
     );
     if (!keepsForGood()) {
@@ -98,38 +87,7 @@ export class Teach {
   }
 
   keysList() {
-    const rows = [
-      ["arrows, h j k l, w a s d", "the way you would go"],
-      ["+  p", "praise"],
-      ["-  b", "blame"],
-      ["space", "nothing to say"],
-    ];
-    return el("dl", {}, ...rows.flatMap(([keys, what]) => [el("dt", {}, keys), el("dd", {}, what)]));
-  }
-
-  buttons(decision) {
-    const kind = decision.asked === "label" ? `label ${decision.actions.join(" ")}` : decision.asked;
-    if (this.padKind === kind) return;
-    this.padKind = kind;
-    this.pad.dataset.kind = decision.asked;
-    const press = (input, label, answer) => (event) => this.press(input, label, answer, event);
-    const skip = el("button", { class: "skip-button", "data-input": "skip", onclick: press("skip", "Nothing to say", { kind: "abstain" }) }, "Skip");
-    skip.setAttribute("aria-label", "Nothing to say this time");
-    if (decision.asked === "label") {
-      const known = WAYS.filter(([action]) => decision.actions.includes(action));
-      const others = decision.actions.filter((action) => !(action in STEPS)).map((action) => [action, lowered(action), lowered(action)]);
-      this.pad.replaceChildren(
-        ...[...known, ...others].map(([action, sign, label]) =>
-          el("button", { class: "way", "data-input": action, "aria-label": label, onclick: press(action, label, { kind: "label", action }) }, el("span", { "aria-hidden": "true" }, sign))),
-        skip,
-      );
-    } else if (decision.asked === "reward") {
-      const judge = (input, sign, label, reward) =>
-        el("button", { class: `judge ${input}`, "data-input": input, onclick: press(input, label, { kind: "reward", reward }) }, el("span", { "aria-hidden": "true" }, sign), label);
-      this.pad.replaceChildren(judge("good", "+", "Good move", 1), judge("bad", "−", "Bad move", -1), skip);
-    } else {
-      this.pad.replaceChildren();
-    }
+    return el("dl", {}, ...KEYS.flatMap(([keys, what]) => [el("dt", {}, keys), el("dd", {}, what)]));
   }
 
   // -------------------------------------------------------------- what the agent's side says
@@ -148,7 +106,7 @@ export class Teach {
     this.deadline = decision.remaining_ms === null ? null : performance.now() + decision.remaining_ms;
     this.awayText = "";
     const world = before?.view === decision.view && before.session === decision.session ? this.board.world : this.board.show(decision.view);
-    this.buttons(decision);
+    this.pad.show(decision);
     this.mark();
     const asks = this.question();
     this.asks.textContent = asks;
@@ -283,7 +241,7 @@ export class Teach {
 
   enable() {
     const open = this.gate.open;
-    for (const button of this.pad.children) button.setAttribute("aria-disabled", String(!open));
+    this.pad.enable(open);
     this.root.classList.toggle("open", open);
   }
 
@@ -300,15 +258,9 @@ export class Teach {
       return;
     }
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-    const asked = this.decision?.asked;
-    if (key === " ") this.press(key, "Nothing to say", { kind: "abstain" }, event);
-    else if (key in LABEL_KEYS && asked === "label") {
-      const action = LABEL_KEYS[key];
-      this.press(key, lowered(action), { kind: "label", action }, event);
-    } else if (key in REWARD_KEYS && asked === "reward") {
-      const reward = REWARD_KEYS[key];
-      this.press(key, reward > 0 ? "Good move" : "Bad move", { kind: "reward", reward }, event);
-    } else return;
+    const said = saidByKey(key, this.decision?.asked);
+    if (said === null) return;
+    this.press(key, said, event);
     event.preventDefault();
   }
 
@@ -323,13 +275,13 @@ export class Teach {
       if (this.decision?.asked !== "label") return;
       const across = Math.abs(right) > Math.abs(down);
       const action = across ? (right > 0 ? "RIGHT" : "LEFT") : down > 0 ? "DOWN" : "UP";
-      this.press(`swipe ${action}`, lowered(action), { kind: "label", action }, event);
+      this.press(`swipe ${action}`, way(action), event);
     };
     addEventListener("pointerup", end);
     addEventListener("pointercancel", end);
   }
 
-  press(input, label, said, event) {
+  press(input, said, event) {
     const { decision } = this;
     const verdict = this.gate.press(input, performance.now(), event.repeat === true);
     if (verdict === "already") this.hint("This one has your answer.");
@@ -350,11 +302,11 @@ export class Teach {
       reward: said.reward ?? null,
       response_ms: Math.max(0, Math.round(performance.now() - this.paintedAt)),
     };
-    this.outbox.put(frame, label);
-    this.tellFate(frame.id, label, this.online ? "sending" : "waiting", "");
+    this.outbox.put(frame, said.label);
+    this.tellFate(frame.id, said.label, this.online ? "sending" : "waiting", "");
     this.outbox.send(this.wire, RESEND_MS);
     if (said.action) this.board.point(said.action, "said");
-    for (const button of this.pad.children) button.classList.toggle("chosen", button.dataset.input === (said.action ?? (said.reward ? (said.reward > 0 ? "good" : "bad") : "skip")));
+    this.pad.choose(said);
     this.enable();
   }
 
@@ -392,7 +344,7 @@ export class Teach {
   fadeFate() {
     this.fate.classList.add("old");
     this.fate.children[1].textContent = `${this.latest.label}: ${FATES[this.latest.state][1]}`;
-    for (const button of this.pad.children) button.classList.remove("chosen");
+    this.pad.choose(null);
   }
 
   hint(text) {
