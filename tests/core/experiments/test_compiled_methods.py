@@ -38,6 +38,7 @@ VARIANTS: dict[str, list[dict[str, Value]]] = {
 }
 
 
+@pytest.mark.timeout(600)  # a compilation takes ten seconds, on a busy machine a minute
 @pytest.mark.skipif(not compiler_available(), reason="numba is not installed")
 @pytest.mark.parametrize("method", METHODS)
 def test_a_compiled_batch_has_the_bits_of_an_uncompiled_one(method: str) -> None:
