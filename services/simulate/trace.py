@@ -3,8 +3,10 @@
 from typing import Any
 
 from protocol.codec import DecodeError, printable, unpack
+from protocol.keys import Keys
 from services.runtime.faults import Seen
 
+_ROOT = Keys().root
 _TOLD = ("decision", "phase", "episode", "step", "asked", "action", "reward", "h", "outcome", "kind", "code")
 _TOLD_TOO = ("verb", "epoch", "sequence", "journal_seq", "reason")
 
@@ -14,7 +16,7 @@ def line(seen: Seen) -> str:
     way = (
         f"{seen.sender} -> {seen.receiver}" if seen.sender and seen.receiver else seen.sender or seen.receiver
     )
-    key = seen.key.split("/session/")[-1].removeprefix("sfid/v1/local/")
+    key = seen.key.split("/session/")[-1].removeprefix(f"{_ROOT}/")
     number = f"#{seen.ask}" if seen.ask else ""
     text = f"{seen.at_ns / 1e9:12.6f}  {seen.what:<10} {way:<26} {number:<6} {key:<22} {_said(seen.payload)}"
     return text.rstrip()
