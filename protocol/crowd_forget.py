@@ -8,7 +8,7 @@ import msgspec
 from protocol.codec import decode
 from protocol.crowd_journal import fold_crowd
 from protocol.journal import Record
-from protocol.messages import Answer
+from protocol.messages import Answer, MistakeMark
 from sfid_core.teaching.answers import Answer as Said
 
 
@@ -48,5 +48,8 @@ def said_instead(message: Answer, said: Said, actions: tuple[str, ...]) -> Answe
         action=None if said.action is None else actions[said.action],
         reward=said.reward,
         guidance=tuple(actions[action] for action in said.guidance),
+        mistake=None
+        if said.steps is None
+        else MistakeMark(first_step=said.steps[0], last_step=said.steps[1]),
         posterior=dict(zip(actions, said.posterior, strict=True)) if said.posterior else None,
     )

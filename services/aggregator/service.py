@@ -58,7 +58,10 @@ UPSTREAM_TICK_MS = 100
 ANNOUNCE_MS = 200
 """How long a change of who is there may wait to be told: 200 who join at once are one announcement."""
 RELAY_TIMEOUT_MS = 5_000
-_AGGREGATED = {kind.value: kind for kind in (AnswerKind.LABEL, AnswerKind.REWARD, AnswerKind.GUIDANCE)}
+_AGGREGATED = {
+    kind.value: kind
+    for kind in (AnswerKind.LABEL, AnswerKind.REWARD, AnswerKind.GUIDANCE, AnswerKind.MISTAKE)
+}
 _CHANCE = secrets.SystemRandom()
 
 

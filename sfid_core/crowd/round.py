@@ -7,7 +7,7 @@ one by the first answer and the crowd's patience, so nobody who stays silent hol
 Rule 3: answers that all abstain, that tie, or that leave the best action below `abstain_below` are handed on
 as an abstention; a round without any answer hands on nothing.
 Rule 4: labels and rewards are weighed by whom the crowd has learnt to believe; of guidance the actions count
-that more than half of those who guide name.
+that more than half of those who guide name, of mistake marks the one that most make, a tie being silence.
 Rule 5: every closing is an event, so a journal of events builds the same reliabilities, with or without
 somebody's answers in it.
 
@@ -24,7 +24,7 @@ from sfid_core.crowd.settings import CrowdSettings
 from sfid_core.learning.parameters import ParameterError
 from sfid_core.session.effects import AnswerCode
 from sfid_core.teaching.answers import Answer, AnswerKind
-from sfid_core.teaching.merge import merge_guidance
+from sfid_core.teaching.merge import merge_guidance, merge_marks
 
 ROUNDS_KEPT = 16
 """Closed rounds whose deadline is remembered, to tell superseded answers from late ones."""
@@ -312,7 +312,7 @@ def _concluded(crowd: Crowd, over: Round) -> Conclusion | None:
     if not over.answers:
         return None
     asked = over.asked
-    if asked.kind is AnswerKind.GUIDANCE:  # sets of actions: a vote each, and nobody's reliability is learnt
+    if asked.kind not in (AnswerKind.LABEL, AnswerKind.REWARD):  # a vote each; nobody's reliability is learnt
         return Conclusion((), None, {})
     aggregate = crowd.aggregate(asked.kind)
     labels = {worker: _class_of(over.answers[worker]) for worker in sorted(over.answers)}
@@ -336,6 +336,8 @@ def _class_of(answer: Answer) -> int | None:
 
 def _answer(asked: Asked, answers: Mapping[str, Answer], conclusion: Conclusion) -> Answer:
     posterior = conclusion.posterior
+    if asked.kind is AnswerKind.MISTAKE:
+        return merge_marks(answers.values()) or Answer(AnswerKind.ABSTAIN)
     if asked.kind is AnswerKind.GUIDANCE:
         bits = merge_guidance(answers.values())
         named = tuple(action for action in range(bits.bit_length()) if bits >> action & 1)

@@ -321,6 +321,16 @@ def test_guidance_is_what_more_than_half_of_those_who_guide_name(
     assert made.aggregates == {}
 
 
+def test_of_mistake_marks_the_one_that_most_make_is_handed_on_and_a_tie_is_silence() -> None:
+    first, second = (Answer(AnswerKind.MISTAKE, UP, steps=steps) for steps in ((0, 2), (1, 1)))
+    for said, handed in (((first, first, second), first), ((first, second, ABSTAIN), ABSTAIN)):
+        made = crowd("ann", "bob", "cat")
+        advance(made, 0, asked(kind=AnswerKind.MISTAKE))
+        for worker, answer in zip(("ann", "bob", "cat"), said, strict=True):
+            says(made, worker, answer)
+        assert closed(made).answer == handed
+
+
 def test_a_decision_that_is_asked_before_and_after_the_action_has_two_rounds() -> None:
     made = crowd("ann", "bob")
     advance(made, 0, asked(kind=AnswerKind.GUIDANCE, remaining_ms=1000))

@@ -5,7 +5,7 @@ import msgspec
 import pytest
 
 from protocol.codec import decode
-from protocol.messages import Acknowledgement, Decision, Join, WindowSpec
+from protocol.messages import Acknowledgement, Decision, Join, MistakeMark, WindowSpec
 from services.aggregator.config import AggregatorConfig
 from sfid_core.crowd.round import RoundSettings
 from sfid_core.crowd.settings import CrowdMethod, CrowdSettings
@@ -198,6 +198,17 @@ def test_a_crowd_guides_before_the_action_and_rewards_it_after(crowd_room: Crowd
     assert handed == [(0, "guidance", ("UP",)), (0, "reward", ())]
     assert [step.decision for step in crowd_room.steps] == [0]
     assert crowd_room.folded().mismatches == []
+
+
+def test_a_crowd_marks_mistakes(crowd_room: CrowdRoom) -> None:
+    crowd_room.create(session(method="marks"))
+    ann, bob = crowd_room.members("ann", "bob")
+    mark = MistakeMark(first_step=0, last_step=0)
+    for member in (ann, bob):
+        member.say(kind="mistake", action="UP", mistake=mark)
+    (handed,) = crowd_room.learner_answers()
+    assert (handed.kind, handed.action, handed.mistake) == ("mistake", "UP", mark)
+    assert (len(crowd_room.steps), crowd_room.folded().mismatches) == (1, [])
 
 
 def test_reliabilities_with_their_standard_errors_reach_the_monitor(tmp_path: Path) -> None:
