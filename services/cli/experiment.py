@@ -1,8 +1,6 @@
 """`sfid experiment figure2|...`: compare methods and teachers over many seeds."""
 
-import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import typer
@@ -10,14 +8,14 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from services.cli import experiment_learners
+from services.cli import experiment_circuits, experiment_guidance, experiment_learners
 from services.cli.experiment_shared import (
     Out,
     Plain,
     Seeds,
     Workers,
     print_findings,
-    progress,
+    run_all,
     seed_range,
     world_spec,
 )
@@ -31,7 +29,8 @@ experiment_app = typer.Typer(
 
 def add_to(app: typer.Typer) -> None:
     """Add the experiments."""
-    experiment_learners.add_to(experiment_app)
+    for one in (experiment_learners, experiment_guidance, experiment_circuits):
+        one.add_to(experiment_app)
     app.add_typer(experiment_app, name="experiment")
 
 
@@ -47,24 +46,14 @@ def figure2(
     as_json: Json = False,
 ) -> None:
     """The founding paper's experiment: sfid and reward, an expert and a naive teacher, 30 episodes."""
-    from services.cli.experiment_files import check_figures, write_founding_files
-    from services.experiments.runner import RunnerConfig, run_conditions
-    from services.runtime.sources import keep_machine_code
+    from services.cli.experiment_files import write_founding_files
     from sfid_core.experiments import figure2 as experiment
-    from sfid_core.experiments.condition import results_sha256
     from sfid_core.experiments.intervals import Resampling
     from sfid_core.experiments.summary import summarise
 
     numbers = seed_range(seed, seeds)
-    if out is not None:
-        check_figures()
-    keep_machine_code(Path.home() / ".cache" / "sfid")
     conditions = experiment.conditions(world_spec(level, starts))
-    config = RunnerConfig(workers, False if no_compile else None, None if out is None else out / "chunks")
-    began = time.perf_counter()
-    with progress("seeds") as told:
-        results = run_conditions(conditions, numbers, config, told)
-    seconds = time.perf_counter() - began
+    results, seconds, sha256 = run_all(conditions, numbers, workers, out, plain=no_compile)
     arms = [experiment.arm(*pair) for pair in zip(conditions, results, strict=True)]
     resampling = Resampling(seed=seed)
     summaries = summarise(arms, resampling)
@@ -77,7 +66,7 @@ def figure2(
         document: dict[str, Any] = {
             "seeds": seeds,
             "seconds": seconds,
-            "sha256": results_sha256(results),
+            "sha256": sha256,
             "conditions": [summary.document() for summary in summaries],
             "claims": [claim.document() for claim in claims],
             "files": [str(path) for path in files],

@@ -16,6 +16,7 @@ from services.monitor.experiment_recording import record_curves
 from services.plots.figures import require_matplotlib, total_grid, write_figure2, write_heat_table
 from services.plots.model import PlotError, Width
 from sfid_core.experiments.claims import Claim
+from sfid_core.experiments.guidance import CONVERGED, INPUTS, STEPS
 from sfid_core.experiments.intervals import Floats
 from sfid_core.experiments.learners import CHECKPOINTS, total_name
 from sfid_core.experiments.summary import Arm, ArmSummary, Measure
@@ -98,6 +99,22 @@ def _checked_columns() -> dict[str, Column]:
         for what, (kind, text, unit) in kinds.items()
         for name in (total_name(what, episodes),)
     }
+
+
+def write_total_files(
+    folder: Path, experiment: str, arms: Sequence[Arm], claims: Sequence[Claim], seeds: Sequence[int]
+) -> list[Path]:
+    """Write a row for every arm and seed, and the claims, with a codebook; return the files."""
+    about = f"sfid experiment {experiment}, {len(seeds)} seeds from {seeds[0]}, simulated teachers"
+    explained = _checked_columns() | {
+        STEPS: Column(STEPS, Kind.WHOLE, "Actions until the episodes stayed near the fewest steps.", "steps"),
+        INPUTS: Column(INPUTS, Kind.WHOLE, "Answers applied until then.", "answers"),
+        CONVERGED: Column(CONVERGED, Kind.TRUTH, "Whether they came to; if not, the whole run is counted."),
+    }
+    try:
+        return list(write_tables(folder, about, (seed_table(arms, seeds, explained), claim_table(claims))))
+    except ExportError as error:
+        raise CommandError(str(error)) from None
 
 
 def _slug(text: str) -> str:

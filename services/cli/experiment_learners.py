@@ -1,6 +1,5 @@
 """`sfid experiment learners`: methods by teachers on one or several levels."""
 
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -17,7 +16,7 @@ from services.cli.experiment_shared import (
     Workers,
     named,
     print_findings,
-    progress,
+    run_all,
     seed_range,
     world_spec,
 )
@@ -57,11 +56,8 @@ def learners(  # noqa: PLR0917 - one argument a flag
     as_json: Json = False,
 ) -> None:
     """Methods by teachers: what the policy alone solves after 30, 100 and 300 episodes, and the answers."""
-    from services.cli.experiment_files import check_figures, write_learner_files
-    from services.experiments.runner import RunnerConfig, run_conditions
-    from services.runtime.sources import keep_machine_code
+    from services.cli.experiment_files import write_learner_files
     from sfid_core.experiments import learners as experiment
-    from sfid_core.experiments.condition import results_sha256
     from sfid_core.experiments.intervals import Resampling
     from sfid_core.experiments.summary import summarise
     from sfid_core.learning.methods import METHODS
@@ -73,15 +69,8 @@ def learners(  # noqa: PLR0917 - one argument a flag
     columns = experiment.TEACHERS if teachers == "all" else named(teachers, "teacher", tuple(PERSONAS))
     levels = list(dict.fromkeys(level or ["room"]))
     worlds = [world_spec(one, starts) for one in levels]
-    if out is not None:
-        check_figures()
-    keep_machine_code(Path.home() / ".cache" / "sfid")
     conditions = [one for world in worlds for one in experiment.conditions(world, rows, columns)]
-    config = RunnerConfig(workers, False if no_compile else None, None if out is None else out / "chunks")
-    began = time.perf_counter()
-    with progress("seeds") as told:
-        results = run_conditions(conditions, numbers, config, told)
-    seconds = time.perf_counter() - began
+    results, seconds, sha256 = run_all(conditions, numbers, workers, out, plain=no_compile)
     resampling = Resampling(seed=seed)
     found: list[LevelFindings] = []
     each = len(rows) * len(columns)
@@ -92,7 +81,7 @@ def learners(  # noqa: PLR0917 - one argument a flag
         found.append(LevelFindings(name, arms, summarise(arms, resampling), claims))
     files = [] if out is None else write_learner_files(out, found, numbers)
     if as_json:
-        print_json(_document(found, seeds, seconds, results_sha256(results), files))
+        print_json(_document(found, seeds, seconds, sha256, files))
         return
     for one in found:
         console = Console()

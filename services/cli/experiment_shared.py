@@ -1,9 +1,10 @@
 """What the experiments on the command line share: their options, seeds, worlds, progress and printing."""
 
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import typer
 from rich.console import Console
@@ -12,7 +13,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from services.cli.failure import CommandError
 from services.cli.level_files import check_starts, find_level
 from services.cli.session import SEED_MAX
+from services.cli.warnings import warn
 from sfid_core.experiments.claims import Claim
+from sfid_core.experiments.condition import Condition, Results, results_sha256
 from sfid_core.session.config import WorldSpec
 
 Seeds = Annotated[int, typer.Option(help="Number of seeds; all conditions share them.")]
@@ -54,6 +57,57 @@ def named(text: str, what: str, known: Sequence[str]) -> tuple[str, ...]:
             message = f"unknown {what} {name!r}: choose from {', '.join(known)}, several by comma"
             raise CommandError(message)
     return names
+
+
+class Run(NamedTuple):
+    """Finished conditions and how long they took."""
+
+    results: list[Results]
+    seconds: float
+    sha256: str
+
+
+def run_all(
+    conditions: Sequence[Condition],
+    seeds: Sequence[int],
+    workers: int,
+    out: Path | None,
+    *,
+    plain: bool,
+    warned: bool = True,
+) -> Run:
+    """Run every condition over every seed, with progress; finished chunks are kept in `out`.
+
+    Warnings on the sessions go to stderr first, each once, but for `warned` false.
+    """
+    from services.experiments.runner import RunnerConfig, run_conditions
+    from services.runtime.sources import keep_machine_code
+
+    if workers < 0:
+        message = f"workers {workers} is negative: 0 takes one a core"
+        raise CommandError(message)
+    if out is not None:
+        check_folder(out)
+    if warned:
+        warn(*(condition.config for condition in conditions))
+    keep_machine_code(Path.home() / ".cache" / "sfid")
+    config = RunnerConfig(workers, False if plain else None, None if out is None else out / "chunks")
+    began = time.perf_counter()
+    with progress("seeds") as told:
+        results = run_conditions(conditions, seeds, config, told)
+    return Run(results, time.perf_counter() - began, results_sha256(results))
+
+
+def check_folder(folder: Path) -> None:
+    """Raise with the mend where nothing can be written, or drawn, before a long run rather than after it."""
+    from services.cli.experiment_files import check_figures
+
+    check_figures()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        message = f"{folder}: {error.strerror or error}: name a folder that can be written"
+        raise CommandError(message) from None
 
 
 @contextmanager

@@ -29,6 +29,7 @@ from services.cli.options import (
     print_json,
 )
 from services.cli.tables import labels_line, print_episodes, report_document
+from services.cli.warnings import warn
 from services.operator import Operator, OperatorError
 from services.runtime.zenoh_bus import open_bus
 from sfid_core.learning.methods import METHODS
@@ -84,7 +85,7 @@ def session_config(  # noqa: PLR0917 - one argument a flag
         window=window,
         teachers_min=teachers_min,
     )
-    config_of(config)
+    warn(config_of(config))
     try:
         return decode(encode(config), CreateSession)
     except DecodeError as error:

@@ -60,7 +60,7 @@ class Condition:
 
     def batch(self, *, fast: bool | None = None) -> Batch:
         """Return the condition, ready to run; raises ParameterError, LevelError, WorldError."""
-        tables = _tables(replace(self.config.world, level_name=""))
+        tables = tables_of(replace(self.config.world, level_name=""))
         return Batch(self.config, self.teachers, fast=fast, tables=tables, checkpoints=self.checkpoints)
 
     def run(self, batch: Batch, seeds: Sequence[int]) -> Results:
@@ -74,7 +74,7 @@ class Condition:
 
 
 @lru_cache(maxsize=8)
-def _tables(world: WorldSpec) -> WorldTables:
+def tables_of(world: WorldSpec) -> WorldTables:
     """Return the tables of a world, which all its conditions share whatever their seeds."""
     return tabulate(world_of(SessionConfig("tables", world)))
 

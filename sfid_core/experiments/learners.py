@@ -1,7 +1,8 @@
 """Methods against teachers: what the learnt policy alone can do after so many episodes, at what cost.
 
 Teachers are simulated (`sfid_core.teaching.personas`); one who is perfect when labelling is perfect
-when judging, and so on: what differs between two rows of a column is what the method asks for and makes of it.
+when judging, and so on: what differs between two rows of a column is what the method asks for and what it
+makes of that.
 """
 
 from collections.abc import Mapping, Sequence

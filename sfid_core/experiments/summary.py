@@ -39,7 +39,7 @@ FOUNDING_MEASURES = (
 )
 
 
-SHARES = frozenset({"agreed"})
+SHARES = frozenset({"agreed", "converged"})
 """Totals that are 1 or 0 for each seed; their mean is a share of seeds."""
 
 
