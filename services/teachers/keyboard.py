@@ -30,6 +30,7 @@ from services.teachers import panel
 from services.teachers.grid import LEGEND, cropped, drawn, rows_of
 from services.teachers.key_gate import CONFIRM_MS, KeyGate, Verdict
 from services.teachers.progress import Note, Progress, next_window, stretched_window
+from services.teachers.spoken import ANSWERING, ASKED, HELP, spoken
 
 SIDE_COLUMNS = 44
 NARROW_COLUMNS = 72
@@ -42,36 +43,7 @@ _TICK_S = 0.1
 _LISTEN_S = 0.25
 _HINT_NS = 1_500_000_000
 _DRAIN_S = 2.0
-
-DIRECTIONS = {
-    "left": "LEFT", "h": "LEFT", "a": "LEFT",
-    "down": "DOWN", "j": "DOWN", "s": "DOWN",
-    "up": "UP", "k": "UP", "w": "UP",
-    "right": "RIGHT", "l": "RIGHT", "d": "RIGHT",
-}  # fmt: skip
-REWARDS = {"plus": 1.0, "equals_sign": 1.0, "p": 1.0, "minus": -1.0, "b": -1.0}
-ABSTAIN = "space"
 _SHOWN = {"equals_sign": "=", "plus": "+", "minus": "-", "full_stop": ".", "comma": ","}
-
-HELP = """\
-You watch an agent learn. It decides by itself, and learns from what you say.
-
- arrows, h j k l, w a s d   the way you would go now (where ways are asked)
- + = p                      praise the move you saw (where praise is asked)
- - b                        blame it
- space                      nothing to say this time
-
- m                          window: early, full, until-answered
- , .                        window shorter, longer by 0.25 s
- z                          pause, and go on
- q                          leave; what you said is saved
-
-A key counts once, for the decision on screen when you pressed it.
-A held key counts once; a key pressed while nothing is asked does not.
-
- @@ agent   [] box   () goal   {} box on goal   (@ agent on goal
-
-Any key closes this page."""
 
 
 class KeyboardError(TeachingError):
@@ -94,7 +66,7 @@ class KeyboardConfig:
 class OnScreen:
     """A decision as the gate knows it: by its number."""
 
-    number: tuple[int, int]
+    number: tuple[int, int, str]
     decision: Decision = field(compare=False)
 
 
@@ -225,7 +197,11 @@ class KeyboardApp(App[int]):
         self._keys.update(panel.key_line(progress.decision))
         self._draw_time()
         decision = progress.open_decision
-        number = None if decision is None else OnScreen((decision.epoch, decision.decision), decision)
+        number = (
+            None
+            if decision is None
+            else OnScreen((decision.epoch, decision.decision, decision.asked), decision)
+        )
         # A decision is shown once it is painted: a key pressed before that still means the one before.
         self.call_after_refresh(self._painted, number)
 
@@ -259,7 +235,7 @@ class KeyboardApp(App[int]):
     def on_key(self, event: Key) -> None:
         """Answer, or do what the key stands for."""
         key = event.key
-        if key in DIRECTIONS or key in REWARDS or key == ABSTAIN:
+        if key in ANSWERING:
             self._press(key)
         elif key == "m":
             self._change_window(next_window)
@@ -281,8 +257,8 @@ class KeyboardApp(App[int]):
 
     def _press(self, key: str) -> None:
         asked = self._on_screen.decision.asked if self._on_screen is not None else None
-        if (asked == "label" and key in REWARDS) or (asked == "reward" and key in DIRECTIONS):
-            self._tell(f"this session asks for a {asked}: ? shows the keys")
+        if self._on_screen is not None and spoken(self._on_screen.decision, key) is None:
+            self._tell(f"this session asks for {ASKED.get(asked or '', asked)}: ? shows the keys")
             return
         now_ns = self._clock.now_ns()
         verdict = self.gate.press(key, now_ns)
@@ -297,7 +273,7 @@ class KeyboardApp(App[int]):
         else:
             paused = self.progress.decision is not None and self.progress.decision.paused
             why = "paused, z goes on" if paused else "nothing was asked"
-            self._tell(f"{_said(key)[0]} dropped: {why}")
+            self._tell(f"{ANSWERING[key]} dropped: {why}")
 
     def _confirm(self) -> None:
         press = self.gate.confirmed(self._clock.now_ns())
@@ -305,17 +281,24 @@ class KeyboardApp(App[int]):
             self._say(press.decision.decision, press.key, press.pressed_ns)
 
     def _say(self, decision: Decision, key: str, pressed_ns: int) -> None:
-        text, action, reward = _said(key)
-        silent = action is None and reward is None
+        said = spoken(decision, key)
+        if said is None:
+            return
         try:
             answer_id = self._client.answer(
-                decision, kind="abstain" if silent else None, action=action, reward=reward, at_ns=pressed_ns
+                decision,
+                kind=said.kind,
+                action=said.action,
+                reward=said.reward,
+                guidance=said.guidance,
+                mistake=said.mistake,
+                at_ns=pressed_ns,
             )
         except (ValueError, OutboxError) as error:
             self._tell(str(error), bad=True)
         else:
             self._hint_until_ns = 0
-            self.progress.said(answer_id, text)
+            self.progress.said(answer_id, said.text)
             self._draw_time()
 
     # ---------------------------------------------------------------- wishes
@@ -338,16 +321,6 @@ class KeyboardApp(App[int]):
         if right not in self.progress.rights:
             self._tell(f"you may not change that here: the session gives you no {right!r}", bad=True)
         return right in self.progress.rights
-
-
-def _said(key: str) -> tuple[str, str | None, float | None]:
-    """Return (words, action, reward) of an answering key."""
-    if key in DIRECTIONS:
-        action = DIRECTIONS[key]
-        return f"{panel.ARROWS[action]} {action}", action, None
-    if key in REWARDS:
-        return ("praise" if REWARDS[key] > 0 else "blame"), None, REWARDS[key]
-    return "nothing to say", None, None
 
 
 def _name(event: Key) -> str:

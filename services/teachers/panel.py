@@ -65,6 +65,11 @@ def question(decision: Decision) -> Text:
     if decision.asked == "reward":
         move = f"{ARROWS.get(decision.action or '', '')} {decision.action}"
         return Text.assemble("The agent went ", (move, STRONG), ": + or - ?")
+    if decision.asked == "guidance":
+        return Text("Which way is worth trying?", STRONG)
+    if decision.asked == "mistake":
+        move = f"{ARROWS.get(decision.action or '', '')} {decision.action}"
+        return Text.assemble("It went ", (move, STRONG), ". A mistake? Which way instead?")
     return Text(f"asks for {decision.asked}: watch, or abstain", QUIET)
 
 
@@ -137,6 +142,10 @@ def key_line(decision: Decision | None) -> str:
     """The keys that do something now."""
     if decision is not None and decision.asked == "reward":
         says = "+ = p  praise     - b  blame"
+        if decision.may_undo:
+            says += "     u  take it back"
+    elif decision is not None and decision.asked == "mistake":
+        says = "arrows, hjkl or wasd  the way it should have gone"
     else:
         says = "arrows, hjkl or wasd  the way you would go"
     return f"{says}     space  nothing to say\nm , .  window     z  pause     ?  help     q  leave"

@@ -176,7 +176,7 @@ def test_the_same_key_tapped_twice_answers_both_decisions_with_its_own_time() ->
 def test_keys_of_the_other_kind_of_answer_are_explained_and_send_nothing() -> None:
     async def play(terminal: Terminal) -> None:
         await terminal.press("p")
-        await terminal.sees("note", "this session asks for a label: ? shows the keys")
+        await terminal.sees("note", "this session asks for the way you would go: ? shows the keys")
         await terminal.press("X")
         await terminal.sees("note", "X does nothing here: ? shows the keys")
         assert terminal.said() == []
