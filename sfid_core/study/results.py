@@ -10,11 +10,7 @@ from sfid_core.experiments.summary import Arm, Measure
 from sfid_core.outcome import Outcome
 from sfid_core.session.measures import EpisodeMeasures
 from sfid_core.study.definition import Study
-from sfid_core.study.effort import SCALES, raw_score
 from sfid_core.study.flow import Standing
-
-EFFORT = "effort"
-"""The total that holds the raw score of the questionnaire."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,10 +60,7 @@ def whole(participants: Sequence[Participant], condition: str) -> list[Participa
 
 
 def arm_of(study: Study, condition: str, people: Sequence[Participant]) -> Arm:
-    """Return a condition as an arm: a row a person, in the order given; each taught a whole session there.
-
-    The effort is a total where all of them rated it.
-    """
+    """Return a condition as an arm: a row a person, in the order given; each taught a whole session there."""
     described = next(one for one in study.conditions if one.name == condition)
     lessons = [one.lessons[one.period_of(condition) or 0] for one in people]
     measures = {measure: _table(lessons, measure) for measure in _MEASURES}
@@ -75,12 +68,6 @@ def arm_of(study: Study, condition: str, people: Sequence[Participant]) -> Arm:
         "inputs_total": measures[Measure.INPUTS].sum(axis=1),
         "teaching_time_s": np.array([lesson.teaching_s for lesson in lessons]),
     }
-    ratings = [one.ratings.get(one.period_of(condition) or 0) for one in people]
-    if people and all(ratings):
-        given = [rating for rating in ratings if rating]
-        totals[EFFORT] = np.array([raw_score(rating) for rating in given])
-        for place, scale in enumerate(SCALES):
-            totals[scale.name] = np.array([float(rating[place]) for rating in given])
     return Arm(described.method, label(study, condition), measures, totals)
 
 

@@ -17,7 +17,8 @@ from sfid_core.study.effort import SCALES
 from tests.services.gateway.gateway_house import Browser
 
 START_S = 60.0
-LESSON_S = 60.0
+AGAIN_S = 0.4
+WAIT_S = 20.0
 STUDY = """
 name = "{name}"
 title = "Teach an agent"
@@ -97,6 +98,9 @@ class Participant:
     screen: dict[str, Any] = field(default_factory=dict)
     browser: Browser | None = None
     answers: int = 0
+    refusal: str = ""
+    said: str = ""
+    before: tuple[int, str] = (-1, "")
     seen: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -116,13 +120,25 @@ class Participant:
         self.browser = Browser(socket).hello(self.token or parts.fragment[2:], self.nonce, **arrival)
         you = self.browser.next("you")
         self.token, self.pseudonym = you["token"], you["pseudonym"]
-        return self.look()
+        self.next_of("screen", "refused")
+        return str(self.screen.get("name", ""))
+
+    def next_of(self, *kinds: str) -> None:
+        """Wait for a frame of one of these kinds: a screen is looked at, a refusal kept."""
+        assert self.browser is not None
+        while True:
+            frame = json.loads(self.browser.socket.recv(timeout=WAIT_S))
+            if frame["type"] in kinds:
+                break
+        if frame["type"] == "screen":
+            self.screen = frame["screen"]
+            self.seen.append(self.screen["name"])
+        else:
+            self.refusal = frame["text"]
 
     def look(self) -> str:
         """Wait for the next screen and return its name."""
-        assert self.browser is not None
-        self.screen = self.browser.next("screen")["screen"]
-        self.seen.append(self.screen["name"])
+        self.next_of("screen")
         return str(self.screen["name"])
 
     def press(self, button: str, /, **values: Any) -> str:  # noqa: ANN401 - any value of a field
@@ -135,8 +151,11 @@ class Participant:
         self.browser.send("submit", screen=screen or self.screen["name"], button=button, values=values)
 
     def refused(self) -> str:
-        assert self.browser is not None
-        return str(self.browser.next("refused")["text"])
+        """Return what was refused last, or is next."""
+        if not self.refusal:
+            self.next_of("refused")
+        said, self.refusal = self.refusal, ""
+        return said
 
     def agree(self) -> str:
         return self.press("agree", agreed=True)
@@ -151,25 +170,42 @@ class Participant:
         assert self.browser is not None
         wanted = self.answers + answers_max
         while self.answers < wanted:
-            frame = dict(json.loads(self.browser.socket.recv(timeout=LESSON_S)))
+            try:
+                frame = dict(json.loads(self.browser.socket.recv(timeout=AGAIN_S)))
+            except TimeoutError:  # the gateway takes 20 frames a second; the page sends again too
+                self.browser.socket.send(self.said)
+                continue
             if frame["type"] == "screen":
                 self.screen = frame["screen"]
                 self.seen.append(self.screen["name"])
                 break
-            if frame["type"] == "decision" and frame["phase"] == "asking":
-                self._answer(frame)
+            if frame["type"] == "decision":
+                if frame["phase"] == "executing":
+                    self.before = (frame["decision"], frame["view"])
+                if frame["phase"] == "asking":
+                    self._answer(frame)
         return str(self.screen["name"])
 
     def _answer(self, decision: dict[str, Any]) -> None:
+        """Say what an expert would; nothing about a move whose beginning was not seen."""
         assert self.browser is not None
         self.answers += 1
-        number = int(self.nonce, 16) * 100_000 + self.answers
-        best = OPTIMAL(decision["view"])
+        said: dict[str, Any] = {
+            "type": "answer",
+            "id": f"{int(self.nonce, 16) * 100_000 + self.answers:032x}",
+        }
+        said |= {
+            name: decision[name] for name in ("session", "epoch", "decision", "episode", "step", "state")
+        }
         if decision["asked"] == "label":
-            self.browser.answer(number, decision, action=best[0])
+            said |= {"kind": "label", "action": OPTIMAL(decision["view"])[0]}
+        elif self.before[0] == decision["decision"]:
+            reward = 1.0 if decision["action"] in OPTIMAL(self.before[1]) else -1.0
+            said |= {"kind": "reward", "action": decision["action"], "reward": reward}
         else:
-            said = {"kind": "reward", "action": decision["action"]}
-            self.browser.answer(number, decision, **said, reward=1.0 if self.answers % 3 else -1.0)
+            said |= {"kind": "abstain"}
+        self.said = json.dumps(said)
+        self.browser.socket.send(self.said)
 
 
 OPTIMAL = optimal_names()
