@@ -18,6 +18,7 @@ from protocol.messages import (
     Decision,
     Episode,
     Milliseconds,
+    MistakeMark,
     Name,
     Reward,
 )
@@ -54,6 +55,8 @@ class Say(Struct, frozen=True, forbid_unknown_fields=True, tag="answer"):
     kind: Asked | Literal["abstain"]
     action: ActionName | None = None
     reward: Reward | None = None
+    guidance: Annotated[tuple[ActionName, ...], Meta(max_length=8)] = ()
+    mistake: MistakeMark | None = None
     response_ms: Milliseconds | None = None
 
 
@@ -100,6 +103,8 @@ def answer_of(say: Say, teacher: str, token: str) -> Answer:
         kind=say.kind,
         action=say.action,
         reward=say.reward,
+        guidance=say.guidance,
+        mistake=say.mistake,
         response_ms=say.response_ms,
         token=token,
     )
@@ -131,6 +136,7 @@ def decision_frame(decision: Decision, elapsed_ms: int) -> str:
         view=decision.view,
         actions=decision.actions,
         action=decision.action,
+        may_undo=decision.may_undo,
         remaining_ms=None if remaining is None else max(0, remaining - elapsed_ms),
         window={"mode": decision.window.mode, "span_ms": decision.window.span_ms},
         teachers=decision.teachers_present,

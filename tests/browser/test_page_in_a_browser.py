@@ -274,6 +274,32 @@ def test_rewards_are_asked_for_with_the_move_that_they_judge(class_: Lesson, ope
     assert totals(class_, session) == (2, 2)
 
 
+def test_guidance_is_given_before_the_move_and_a_reward_or_an_undo_after_it(
+    class_: Lesson, open_tab: Open
+) -> None:
+    session = class_.session(method="guidance")
+    tab = open_tab(class_.link(session))
+    tab.wait(f"{SHOWN}?.includes('/guidance/')")
+    assert tab.text("#asks") == "Which way is worth trying?"
+    tab.key("ArrowUp")
+    tab.wait(f"{SHOWN}.includes('/reward/')")
+    assert "Up: saved" in tab.text(".fate")
+    tab.click("[data-input=undo]")
+    tab.wait("document.querySelector('.fate').innerText.includes('Take it back: saved')")
+    assert class_.report(session).labels.submitted == 2
+
+
+def test_a_mistake_is_marked_with_what_would_have_been_right(class_: Lesson, open_tab: Open) -> None:
+    session = class_.session(method="marks")
+    tab = open_tab(class_.link(session))
+    number = shown(tab)
+    assert tab.text("#asks").endswith("A mistake? Which way instead?")
+    tab.click("[data-input=DOWN]")
+    tab.wait("document.querySelector('.fate').innerText.includes('Down instead: saved')")
+    next_shown(tab, number)
+    assert totals(class_, session) == (1, 1)
+
+
 def test_an_answer_after_the_window_is_told_to_be_too_late(class_: Lesson, open_tab: Open) -> None:
     session = class_.session(window=WindowSpec(mode="full", span_ms=700))
     tab = open_tab(class_.link(session))

@@ -111,10 +111,10 @@ export class Outbox {
   }
 
   /** Keep an answer; only then may it be sent. */
-  put(frame, label) {
+  put(frame, label, { asked, way }) {
     const entry = { at: Date.now(), frame, label };
     store(local, this.prefix + frame.id, JSON.stringify(entry));
-    store(local, this.marker, JSON.stringify({ session: frame.session, decision: frame.decision, id: frame.id, label }));
+    store(local, this.marker, JSON.stringify({ session: frame.session, decision: frame.decision, id: frame.id, asked, way }));
     this.entries.set(frame.id, { ...entry, sent: 0 });
   }
 

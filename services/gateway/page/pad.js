@@ -20,23 +20,42 @@ export const KEYS = [
   ["arrows, h j k l, w a s d", "the way you would go"],
   ["+  p", "praise"],
   ["-  b", "blame"],
+  ["u", "take it back, where that can be done"],
   ["space", "nothing to say"],
 ];
 
 export const lowered = (action) => action.charAt(0) + action.slice(1).toLowerCase();
-export const way = (action) => ({ label: lowered(action), kind: "label", action });
+
+/** What naming a way says where this is asked: the way to go, one worth trying, or the one that would have been right. */
+export function way(action, decision) {
+  const label = lowered(action);
+  if (decision.asked === "guidance") return { label, kind: "guidance", way: action, guidance: [action] };
+  if (decision.asked === "mistake") {
+    return { label: `${label} instead`, kind: "mistake", way: action, action, mistake: { first_step: decision.step, last_step: decision.step } };
+  }
+  return { label, kind: "label", way: action, action };
+}
+
+export const asksForAWay = (asked) => ["label", "guidance", "mistake"].includes(asked);
 const nothing = { label: "Nothing to say", kind: "abstain" };
+const undo = { label: "Take it back", kind: "undo" };
 const judgement = (reward) => ({ label: reward > 0 ? "Good move" : "Bad move", kind: "reward", reward });
 
-/** What a key says where this is asked; null for a key that says nothing. */
-export function saidByKey(key, asked) {
+/** What a key says to a decision; null for a key that says nothing. */
+export function saidByKey(key, decision) {
+  const asked = decision?.asked;
   if (key === " ") return nothing;
-  if (asked === "label" && key in LABEL_KEYS) return way(LABEL_KEYS[key]);
+  if (asksForAWay(asked) && key in LABEL_KEYS) return way(LABEL_KEYS[key], decision);
   if (asked === "reward" && key in REWARD_KEYS) return judgement(REWARD_KEYS[key]);
+  if (asked === "reward" && key === "u" && decision.may_undo) return undo;
   return null;
 }
 
-const inputOf = (said) => said.action ?? (said.reward ? (said.reward > 0 ? "good" : "bad") : "skip");
+function inputOf(said) {
+  if (said.way) return said.way;
+  if (said.reward) return said.reward > 0 ? "good" : "bad";
+  return said.kind === "undo" ? "undo" : "skip";
+}
 
 export class Pad {
   /** press(input, said, event) is called for every button pressed. */
@@ -47,32 +66,35 @@ export class Pad {
   }
 
   show(decision) {
-    const kind = `${decision.asked} ${decision.actions.join(" ")}`;
+    const kind = `${decision.asked} ${decision.may_undo} ${decision.actions.join(" ")}`;
+    this.decision = decision;
     if (this.kind === kind) return;
     this.kind = kind;
-    this.root.dataset.kind = decision.asked;
+    this.root.dataset.kind = asksForAWay(decision.asked) ? "ways" : decision.asked;
     this.root.replaceChildren(...this.buttons(decision));
   }
 
-  buttons({ asked, actions }) {
-    const skip = this.button(nothing, { class: "skip-button", "aria-label": "Nothing to say this time" }, "Skip");
-    if (asked === "label") {
+  buttons({ asked, actions, may_undo: mayUndo }) {
+    const skip = this.button(() => nothing, { class: "skip-button", "aria-label": "Nothing to say this time" }, "Skip");
+    if (asksForAWay(asked)) {
       const known = WAYS.filter(([action]) => actions.includes(action));
       const others = actions.filter((action) => !(action in STEPS)).map((action) => [action, lowered(action), lowered(action)]);
       const ways = [...known, ...others].map(([action, sign, label]) =>
-        this.button(way(action), { class: "way", "aria-label": label }, el("span", { "aria-hidden": "true" }, sign)));
+        this.button(() => way(action, this.decision), { class: "way", "aria-label": label }, el("span", { "aria-hidden": "true" }, sign)));
       return [...ways, skip];
     }
     if (asked === "reward") {
-      const judge = (sign, said) => this.button(said, { class: `judge ${inputOf(said)}` }, el("span", { "aria-hidden": "true" }, sign), said.label);
-      return [judge("+", judgement(1)), judge("−", judgement(-1)), skip];
+      const judge = (sign, said) => this.button(() => said, { class: `judge ${inputOf(said)}` }, el("span", { "aria-hidden": "true" }, sign), said.label);
+      const back = mayUndo ? [this.button(() => undo, { class: "undo-button" }, undo.label)] : [];
+      return [judge("+", judgement(1)), judge("−", judgement(-1)), ...back, skip];
     }
-    return [];
+    return asked === "nothing" ? [] : [skip];
   }
 
-  button(said, attributes, ...children) {
-    const input = inputOf(said);
-    return el("button", { ...attributes, "data-input": input, onclick: (event) => this.press(input, said, event) }, ...children);
+  /** `say` makes what the button says at the moment it is pressed. */
+  button(say, attributes, ...children) {
+    const input = inputOf(say());
+    return el("button", { ...attributes, "data-input": input, onclick: (event) => this.press(input, say(), event) }, ...children);
   }
 
   enable(open) {

@@ -4,7 +4,7 @@ import { Board, inWords, sample } from "./board.js";
 import { cry, el, say, seconds } from "./dom.js";
 import { Gate } from "./gate.js";
 import { keepsForGood, randomHex } from "./keep.js";
-import { KEYS, Pad, saidByKey, way } from "./pad.js";
+import { KEYS, Pad, asksForAWay, saidByKey, way } from "./pad.js";
 
 const SWIPE_PX = 24;
 const RESEND_MS = 3000;
@@ -19,7 +19,8 @@ const FATES = {
 const OUTCOMES = { solved: "solved", deadlock: "stuck", cap: "out of steps", running: "cut off" };
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 
-const nameOf = (decision) => (decision ? `${decision.session}/${decision.epoch}/${decision.decision}` : null);
+const nameOf = (decision) => (decision ? `${decision.session}/${decision.epoch}/${decision.asked}/${decision.decision}` : null);
+const wentBefore = (decision) => ["reward", "mistake"].includes(decision.asked) && Boolean(decision.action);
 
 export class Teach {
   constructor(wire, outbox) {
@@ -101,7 +102,7 @@ export class Teach {
 
   show(decision) {
     const before = this.decision;
-    if (before?.decision !== decision.decision) this.before = before;
+    if (nameOf(before) !== nameOf(decision)) this.before = before;
     this.decision = decision;
     this.deadline = decision.remaining_ms === null ? null : performance.now() + decision.remaining_ms;
     this.awayText = "";
@@ -131,10 +132,7 @@ export class Teach {
     if (name !== null && name !== (this.isOpen() ? nameOf(this.decision) : null)) return;
     if (name !== null && name !== this.painted) this.paintedAt = performance.now();
     this.painted = name;
-    const last = this.outbox.last();
-    if (name !== null && last && last.session === this.decision.session && last.decision === this.decision.decision) {
-      this.gate.answer(name);
-    }
+    if (name !== null && this.lastAnswer()) this.gate.answer(name);
     this.gate.show(name);
     this.root.dataset.shown = name ?? "";
     this.enable();
@@ -153,22 +151,30 @@ export class Teach {
     if (decision.paused) return "Paused";
     if (decision.phase === "gathering") return "Waiting for more teachers";
     if (decision.asked === "reward") return `It ${this.bumped() ? "could not go" : "went"} ${(decision.action ?? "").toLowerCase()}. A good move?`;
+    if (decision.asked === "mistake") return `It went ${(decision.action ?? "").toLowerCase()}. A mistake? Which way instead?`;
+    if (decision.asked === "guidance") return "Which way is worth trying?";
     if (decision.asked === "nothing") return "The agent learns by itself";
+    if (decision.asked !== "label") return "Nothing that this page can answer is asked";
     return "Which way would you go?";
   }
 
   mark() {
     const { decision } = this;
+    if (wentBefore(decision)) this.board.point(decision.action, this.bumped() ? "bumped" : "did");
+    else this.board.point(this.lastAnswer()?.way, "said");
+  }
+
+  /** What was answered to the window on screen, over a reload and a restart of the learner too. */
+  lastAnswer() {
+    const { decision } = this;
     const last = this.outbox.last();
-    const mine = last && last.session === decision.session && last.decision === decision.decision ? last.label.toUpperCase() : null;
-    if (decision.asked === "reward" && decision.action) this.board.point(decision.action, this.bumped() ? "bumped" : "did");
-    else this.board.point(mine, "said");
+    return last?.session === decision.session && last.decision === decision.decision && last.asked === decision.asked ? last : null;
   }
 
   /** Whether the agent stands where it stood before the move that is judged. */
   bumped() {
     const { decision, before } = this;
-    return before?.decision === decision.decision - 1 && before.session === decision.session && before.episode === decision.episode && before.view === decision.view;
+    return [decision.decision, decision.decision - 1].includes(before?.decision) && before.session === decision.session && before.episode === decision.episode && before.view === decision.view;
   }
 
   where() {
@@ -258,7 +264,7 @@ export class Teach {
       return;
     }
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-    const said = saidByKey(key, this.decision?.asked);
+    const said = saidByKey(key, this.decision);
     if (said === null) return;
     this.press(key, said, event);
     event.preventDefault();
@@ -272,10 +278,10 @@ export class Teach {
       removeEventListener("pointercancel", end);
       const [right, down] = [event.clientX - x, event.clientY - y];
       if (event.type === "pointercancel" || Math.max(Math.abs(right), Math.abs(down)) < SWIPE_PX) return;
-      if (this.decision?.asked !== "label") return;
+      if (!asksForAWay(this.decision?.asked)) return;
       const across = Math.abs(right) > Math.abs(down);
       const action = across ? (right > 0 ? "RIGHT" : "LEFT") : down > 0 ? "DOWN" : "UP";
-      this.press(`swipe ${action}`, way(action), event);
+      this.press(`swipe ${action}`, way(action, this.decision), event);
     };
     addEventListener("pointerup", end);
     addEventListener("pointercancel", end);
@@ -283,11 +289,11 @@ export class Teach {
 
   press(input, said, event) {
     const { decision } = this;
+    if (said.way && !decision.actions.includes(said.way)) return;
     const verdict = this.gate.press(input, performance.now(), event.repeat === true);
     if (verdict === "already") this.hint("This one has your answer.");
     else if (verdict === "closed") this.hint(decision?.paused ? "Paused: not counted." : "Nothing was asked: not counted.");
     if (verdict !== "counts") return;
-    if (said.action && !decision.actions.includes(said.action)) return;
     const frame = {
       type: "answer",
       id: randomHex(16),
@@ -300,12 +306,14 @@ export class Teach {
       kind: said.kind,
       action: said.kind === "reward" ? decision.action : (said.action ?? null),
       reward: said.reward ?? null,
+      guidance: said.guidance ?? [],
+      mistake: said.mistake ?? null,
       response_ms: Math.max(0, Math.round(performance.now() - this.paintedAt)),
     };
-    this.outbox.put(frame, said.label);
+    this.outbox.put(frame, said.label, { asked: decision.asked, way: said.way ?? null });
     this.tellFate(frame.id, said.label, this.online ? "sending" : "waiting", "");
     this.outbox.send(this.wire, RESEND_MS);
-    if (said.action) this.board.point(said.action, "said");
+    if (said.way && !wentBefore(decision)) this.board.point(said.way, "said");
     this.pad.choose(said);
     this.enable();
   }

@@ -56,7 +56,8 @@ def test_a_decision_is_told_with_what_the_page_draws_and_no_names(house: Gateway
     assert ann.next("decision", decision=1) == {
         "type": "decision", "session": "s1", "epoch": 1, "sequence": 2, "decision": 1, "episode": 0,
         "step": 1, "phase": "asking", "paused": False, "asked": "label", "state": b"room".hex(), "view": ROOM,
-        "actions": ["LEFT", "RIGHT", "UP", "DOWN"], "action": None, "remaining_ms": 900,
+        "actions": ["LEFT", "RIGHT", "UP", "DOWN"], "action": None, "may_undo": False,
+        "remaining_ms": 900,
         "window": {"mode": "early", "span_ms": 1000}, "teachers": 2, "episodes": 30, "optimal_steps": 1,
     }  # fmt: skip
 
