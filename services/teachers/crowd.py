@@ -25,7 +25,7 @@ from services.outbox import Outbox
 from services.runtime.bus import Bus
 from services.runtime.clock import Clock, SystemClock
 from services.teachers.crowd_mix import WorkerKind, WorkerSpec, mind_of
-from services.teachers.scripted import Script, ScriptedConfig, optimal_names
+from services.teachers.scripted import Script, ScriptedConfig, optimal_names, tell
 from sfid_core.chance import stream, unit
 from sfid_core.learning.parameters import ParameterError
 
@@ -197,7 +197,7 @@ class SimulatedCrowd:
             match update:
                 case Refused(code=code, reason=reason, final=True):
                     raise CrowdError(f"session {self._config.session!r}: {reason} ({code})")
-                case Welcomed(welcome) if welcome.decision.asked == "reward":
+                case Welcomed(welcome) if welcome.decision.asked != "label":
                     worker.client.watch_measures()
                 case AnswerUpdate(state=state):
                     worker.codes[state] += 1
@@ -237,10 +237,7 @@ class SimulatedCrowd:
             return
         said = worker.script.speak(now_ns)
         if said is not None:
-            silent = said.action is None and said.reward is None
-            worker.client.answer(
-                said.decision, kind="abstain" if silent else None, action=said.action, reward=said.reward
-            )
+            tell(worker.client, said)
 
     def _return(self, worker: _Worker) -> None:
         worker.away_until_ns = None

@@ -241,7 +241,7 @@ def run(
                 script.hear(update, clock.now_ns())
                 troubles.note(update)
             if script.due_ns is not None and (said := script.speak(clock.now_ns())) is not None:
-                _tell(client, said)
+                tell(client, said)
         client.drain(_DRAIN_S)
 
 
@@ -273,7 +273,8 @@ def _wait_s(due_ns: int | None, clock: Clock) -> float:
     return _LISTEN_S if due_ns is None else min(_LISTEN_S, max(0, due_ns - clock.now_ns()) / 1e9)
 
 
-def _tell(client: Client, said: Said) -> None:
+def tell(client: Client, said: Said) -> None:
+    """Hand in what is said."""
     silent = said.action is None and said.reward is None and not said.guidance
     step = said.decision.step
     client.answer(

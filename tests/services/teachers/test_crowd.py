@@ -54,6 +54,18 @@ def test_who_is_reliable_is_found_out(crowd_room: CrowdRoom) -> None:
     assert max(mean for worker, mean in means.items() if "adversary" in worker) < 0.3
 
 
+@pytest.mark.parametrize("method,kinds", [
+    ("reward", {"reward"}), ("guidance", {"guidance", "reward"}), ("marks", {"mistake"}),
+])  # fmt: skip
+def test_a_simulated_crowd_answers_what_is_asked(crowd_room: CrowdRoom, method: str, kinds: set[str]) -> None:
+    crowd_room.create(session(episodes=1, method=method))
+    crowd = enter(crowd_room, "expert:3")
+    said = {answer.kind for answer in crowd_room.learner_answers()}
+    assert crowd_room.finished
+    assert kinds <= said <= {*kinds, "abstain"}
+    assert {one.rejected for one in crowd.results()} == {0}
+
+
 def test_each_worker_thinks_at_a_pace_of_their_own(crowd_room: CrowdRoom) -> None:
     crowd_room.create(session(window=EARLY))
     enter(crowd_room, "good:8", delay_ms=400)
