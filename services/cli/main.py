@@ -11,6 +11,7 @@ from protocol.codec import DecodeError
 from protocol.keys import KeyNameError
 from services.cli import (
     aggregate,
+    catalogue,
     crowd,
     demo,
     experiment,
@@ -58,6 +59,7 @@ for group in (
     session,
     journal,
     levels,
+    catalogue,
     crowd,
     experiment,
     simulate,

@@ -1,0 +1,111 @@
+"""`sfid methods` and `sfid teachers`: what there is to choose from, with parameters, ranges and sources."""
+
+from typing import Annotated, Any
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from services.cli.options import Json, print_json
+from sfid_core.learning.method import Method
+from sfid_core.learning.methods import METHODS, method_named
+from sfid_core.learning.parameters import Choice, Value, as_written, limits
+from sfid_core.teaching.kernels import TeacherParameters
+from sfid_core.teaching.personas import PERSONAS, persona_named
+
+Name = Annotated[str | None, typer.Argument(help="One of them, with its parameters.")]
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the two commands."""
+    app.command()(methods)
+    app.command()(teachers)
+
+
+def methods(name: Name = None, as_json: Json = False) -> None:
+    """List the learning methods; with a NAME, its parameters, their ranges and sources."""
+    if name is not None:
+        _show_method(method_named(name), as_json=as_json)
+        return
+    if as_json:
+        print_json([_method_document(method) for method in METHODS.values()])
+        return
+    table = _table("method", "asks", "what")
+    for method in METHODS.values():
+        table.add_row(method.name, asks(method), method.summary)
+    Console().print(table)
+
+
+def teachers(name: Name = None, as_json: Json = False) -> None:
+    """List the simulated teachers; with a NAME, their faults and habits."""
+    if name is not None:
+        _show(name, PERSONAS[name].summary if name in PERSONAS else "", persona_named(name), as_json=as_json)
+        return
+    if as_json:
+        print_json([_persona_document(each) for each in PERSONAS])
+        return
+    table = _table("teacher", "who")
+    for each, persona in PERSONAS.items():
+        table.add_row(each, persona.summary)
+    Console().print(table)
+
+
+def asks(method: Method) -> str:
+    """Return what a method asks of teachers, before and after the action."""
+    kinds = [kind.value for kind in (method.asks_before, method.asks_after) if kind is not None]
+    return " and ".join(kinds) or "nothing"
+
+
+def _show_method(method: Method, *, as_json: bool) -> None:
+    if as_json:
+        print_json(_method_document(method))
+        return
+    _show(method.name, f"{method.summary}\nsource: {method.source}", method.parameters(), as_json=False)
+
+
+def _show(name: str, what: str, parameters: Any, *, as_json: bool) -> None:  # noqa: ANN401 - each has its own
+    if as_json:
+        print_json(_persona_document(name))
+        return
+    console = Console()
+    console.print(f"{name}: {what}", highlight=False)
+    table = _table("parameter", "value", "range or choices", "source")
+    for row in parameter_rows(parameters):
+        table.add_row(*(str(cell) for cell in row.values()))
+    console.print(table)
+
+
+def parameter_rows(parameters: Any) -> list[dict[str, Value]]:  # noqa: ANN401 - each method has its own
+    """Return name, value, range (with unit) and source of each parameter."""
+    allowed, values = limits(type(parameters)), as_written(parameters)
+    rows: list[dict[str, Value]] = []
+    for name, limit in allowed.items():
+        unit = "" if isinstance(limit, Choice) else limit.unit
+        within = f"{limit} {unit}".strip()
+        rows.append({"name": name, "value": values[name], "range": within, "source": limit.source})
+    return rows
+
+
+def _method_document(method: Method) -> dict[str, Any]:
+    return {
+        "method": method.name,
+        "asks": [kind.value for kind in (method.asks_before, method.asks_after) if kind is not None],
+        "summary": method.summary,
+        "source": method.source,
+        "parameters": parameter_rows(method.parameters()),
+    }
+
+
+def _persona_document(name: str) -> dict[str, Any]:
+    faults = as_written(persona_named(name))
+    own = as_written(TeacherParameters())
+    changed = {key: value for key, value in faults.items() if value != own[key]}
+    return {"teacher": name, "summary": PERSONAS[name].summary, "faults": changed}
+
+
+def _table(*columns: str) -> Table:
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    for column in columns:
+        table.add_column(column, no_wrap=column in {"method", "teacher", "parameter"})
+    return table

@@ -1,0 +1,46 @@
+"""`sfid methods` and `sfid teachers`: what a researcher chooses from, and the README's table of it."""
+
+import json
+from pathlib import Path
+
+from sfid_core.learning.methods import METHODS
+from sfid_core.teaching.personas import PERSONAS
+from tests.services.cli.command_line import sfid
+
+README = Path(__file__).parents[3] / "README.md"
+
+
+def test_every_method_is_listed_with_what_it_asks_and_its_source() -> None:
+    listed = json.loads(sfid("methods", "--json").stdout)
+    assert [row["method"] for row in listed] == list(METHODS)
+    (guidance,) = (row for row in listed if row["method"] == "guidance")
+    assert guidance["asks"] == ["guidance", "reward"]
+    assert all(row["source"] and row["summary"] for row in listed)
+
+
+def test_a_method_shows_its_parameters_with_range_and_default() -> None:
+    document = json.loads(sfid("methods", "sfid", "--json").stdout)
+    (alpha,) = (row for row in document["parameters"] if row["name"] == "alpha")
+    assert (alpha["value"], alpha["range"]) == (0.1, "(0, 1]")
+    shown = sfid("methods", "sfid")
+    assert shown.code == 0
+    assert "graded, centred, penalty" in " ".join(shown.stdout.split())
+
+
+def test_every_teacher_is_listed_and_shows_its_faults() -> None:
+    assert [row["teacher"] for row in json.loads(sfid("teachers", "--json").stdout)] == list(PERSONAS)
+    naive = json.loads(sfid("teachers", "naive", "--json").stdout)
+    assert naive["faults"]["reward_error"] == 0.35
+
+
+def test_an_unknown_name_is_refused_with_what_there_is() -> None:
+    for verb in ("methods", "teachers"):
+        done = sfid(verb, "nobody")
+        assert (done.code, done.stderr.count("\n")) == (2, 1)
+        assert "choose one of" in done.stderr
+
+
+def test_the_readme_names_every_method_and_teacher() -> None:
+    text = README.read_text(encoding="utf-8")
+    missing = [name for name in (*METHODS, *PERSONAS) if f"`{name}`" not in text]
+    assert missing == []
