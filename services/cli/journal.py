@@ -1,5 +1,6 @@
 """`sfid replay` and `sfid verify`: what a journal tells, and whether it is whole."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -7,9 +8,10 @@ import typer
 
 from protocol.codec import DecodeError
 from services.cli.failure import NOT_SO, CommandError
-from services.cli.options import Json, print_json
+from services.cli.options import Json, Parameter, given_parameters, print_json
 from services.replay import Replayed, ReplayedCrowd, replay_crowds, replay_directory
 from services.runtime.journal import verify as verify_journal
+from sfid_core.learning.parameters import Value
 
 
 def add_to(app: typer.Typer) -> None:
@@ -28,9 +30,19 @@ def replay(
         bool,
         typer.Option("--verify", help="Exit 1 when a noted digest, or what a teacher was told, differs."),
     ] = False,
+    method: Annotated[
+        str | None, typer.Option(help="What this method would have learnt from the same steps and answers.")
+    ] = None,
+    parameter: Parameter = None,
     json: Json = False,
 ) -> None:
     """Rebuild Q and crowds from their journals alone and compare them with what was noted."""
+    if method is not None:
+        _replay_with(directory, session, method, given_parameters(parameter), verify=verify, json=json)
+        return
+    if parameter:
+        message = "-p sets a parameter of another method: name it with --method"
+        raise CommandError(message)
     try:
         replayed = replay_directory(directory, session)
         crowds = replay_crowds(directory, session)
@@ -38,9 +50,7 @@ def replay(
         message = f"{directory}: a row cannot be read ({error}): `sfid verify {directory}` tells where"
         raise CommandError(message, NOT_SO) from None
     if not replayed:
-        what = "no session" if session is None else f"no session {session}"
-        message = f"{directory}: {what} in this journal: name the --data directory of a learner"
-        raise CommandError(message)
+        raise _no_session(directory, session)
     if json:
         print_json(
             {"sessions": [_row(one) for one in replayed], "crowds": [_crowd_row(one) for one in crowds]}
@@ -56,6 +66,55 @@ def replay(
             print(f"{crowd.session}, crowd {crowd.aggregator}: {counts}: {verdict}")
     if verify and not (all(one.matches for one in replayed) and all(one.matches for one in crowds)):
         raise typer.Exit(NOT_SO)
+
+
+def _no_session(directory: Path, session: str | None) -> CommandError:
+    what = "no session" if session is None else f"no session {session}"
+    return CommandError(f"{directory}: {what} in this journal: name the --data directory of a learner")
+
+
+OFF_POLICY = (
+    "off-policy: the recorded method chose every step, and the teacher answered what it did; under its own "
+    "choices the other method would have met other states and had other answers"
+)
+
+
+def _replay_with(
+    directory: Path,
+    session: str | None,
+    method: str,
+    given: dict[str, Value],
+    *,
+    verify: bool,
+    json: bool,
+) -> None:
+    """Print what another method would have learnt from the recorded steps and answers."""
+    from services.experiments.other_method import replay_with
+
+    if verify:
+        message = "--verify compares with what was noted under the recorded method: leave out --method"
+        raise CommandError(message)
+    try:
+        replayed = replay_with(directory, method, given, session)
+    except DecodeError as error:
+        message = f"{directory}: a row cannot be read ({error}): `sfid verify {directory}` tells where"
+        raise CommandError(message, NOT_SO) from None
+    if not replayed:
+        raise _no_session(directory, session)
+    if json:
+        rows = [
+            {"session": one.session, "decisions": one.decisions, "answers": one.answers,
+             "recorded": asdict(one.recorded), "other": asdict(one.other)}
+            for one in replayed
+        ]  # fmt: skip
+        print_json({"off_policy": True, "note": OFF_POLICY, "parameters": given, "sessions": rows})
+        return
+    print(OFF_POLICY)
+    for one in replayed:
+        print(f"{one.session}: {one.decisions} decisions, {one.answers} answers")
+        for role, lesson in (("recorded", one.recorded), ("other", one.other)):
+            solves = "" if lesson.success is None else f", alone solves {lesson.success:.0%} of all states"
+            print(f"  {role} {lesson.method}: {lesson.states} states{solves}, q_sha256 {lesson.q_sha256}")
 
 
 def _row(one: Replayed) -> dict[str, object]:

@@ -103,7 +103,7 @@ class Batch:
         self._method = method_named(config.method)
         self._parameters = config.method_parameters
         self.tables = tabulate(world_of(config)) if tables is None else tables
-        self._world = _lane_world(self.tables, config.world.steps_max, fast=self._fast)
+        self._world = lane_world(self.tables, config.world.steps_max, fast=self._fast)
         nobody = [TeacherParameters(silence=1.0)]
         parameters = [teachers[name] for name in self._names] or nobody
         self._teachers = tuple(LaneTeacher(one, self._teacher_memory(one)) for one in parameters)
@@ -266,7 +266,8 @@ def _kernels(method: Method, *, fast: bool) -> tuple[Callable[..., int], Callabl
 
 
 @lru_cache(maxsize=8)
-def _lane_world(tables: WorldTables, steps_max: int, *, fast: bool) -> LaneWorld:
+def lane_world(tables: WorldTables, steps_max: int, *, fast: bool) -> LaneWorld:
+    """Return the tables as kernels read them: arrays where they are compiled, lists where not."""
     words = [state_word(key) for key in tables.state_keys]
     words += [0] * (tables.n_states - len(words))
 
