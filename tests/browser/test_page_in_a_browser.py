@@ -136,6 +136,26 @@ def test_fingers_tap_and_swipe_on_a_phone(class_: Lesson, open_tab: Open) -> Non
     assert small == 0
 
 
+@pytest.mark.parametrize("size", [(390, 844), (360, 640), (320, 568), (844, 390), (768, 1024), (1024, 640)])
+def test_board_and_buttons_fit_on_every_screen_without_scrolling(
+    class_: Lesson, browser: Chromium, size: tuple[int, int]
+) -> None:
+    tab = browser.tab(browser.person(), size, touch=True)
+    tab.open(class_.link(class_.session(window=EARLY)))
+    shown(tab)
+    boxes = tab.run(
+        "[...document.querySelectorAll('#board, .fate, .asks, .pad button')]"
+        ".map((one) => one.getBoundingClientRect()).map((box) => [box.left, box.top, box.right, box.bottom])"
+    )
+    tab.close()
+    assert len(boxes) == 8
+    assert all(
+        0 <= left < right <= size[0] and 0 <= top < bottom <= size[1] for left, top, right, bottom in boxes
+    )
+    assert all(right - left >= 44 and bottom - top >= 44 for left, top, right, bottom in boxes[2:7])
+    assert boxes[0][2] - boxes[0][0] >= 150
+
+
 def test_a_reload_goes_on_at_the_same_decision_under_the_same_name(class_: Lesson, open_tab: Open) -> None:
     session = class_.session()
     tab = open_tab(class_.link(session, None))
