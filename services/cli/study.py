@@ -169,3 +169,46 @@ def status(file: File, data: Data = None, as_json: Json = False) -> None:
         return
     for line in counted.lines():
         print(line)
+
+
+@study_app.command()
+def report(
+    file: File,
+    data: Data = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of the report; default: report/ beside the study's data.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Write the paper's figure for people, effort, tables with a codebook, and claims with intervals."""
+    from services.cli.study_files import check_figures, write_report
+    from services.study.book import study_folder
+    from services.study.reading import NoDataError, read_courses, read_participants
+    from services.study.tally import tally
+    from sfid_core.experiments.intervals import Resampling
+    from sfid_core.study.findings import find
+
+    found = load(file)
+    where = data or found.data
+    check_figures()
+    try:
+        study, people = read_courses(where, found.study.name)
+        _, participants = read_participants(where, found.study.name)
+    except NoDataError as error:
+        raise CommandError(str(error), NOT_SO) from None
+    findings = find(study, participants, Resampling(seed=study.seed))
+    files = write_report(out or study_folder(where, study.name) / "report", findings, tally(study, people))
+    if as_json:
+        print_json(
+            {
+                "study": study.name,
+                "people": dict(findings.people),
+                "claims": [claim.document() for claim in findings.claims],
+                "conditions": [summary.document() for summary in findings.summaries],
+                "files": [str(path) for path in files],
+            }
+        )
+        return
+    for claim in findings.claims:
+        print(claim.line())
+    print(f"report: {files[-1]}, tables and figures beside it")

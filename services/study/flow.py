@@ -18,6 +18,7 @@ from services.study.words import (
     STOP_KEEP,
     screen_of,
 )
+from sfid_core.session.config import WindowMode
 from sfid_core.study.definition import Recruiter
 from sfid_core.study.effort import SCALES
 from sfid_core.study.errors import NotNow
@@ -89,6 +90,11 @@ class StudyFlow:
             raise FlowRefusal(NOT_SAVED) from None
         self._prepare(person.pseudonym)
 
+    def depart(self, person: Person) -> None:
+        """See Flow. A lesson against the clock waits for who is not there."""
+        if person.pseudonym in self._book.courses:
+            self._hold(person.pseudonym, on=True)
+
     # ------------------------------------------------------------ what they did
 
     def _event(
@@ -121,8 +127,19 @@ class StudyFlow:
             return
         if progress.standing is Standing.TAKING_PART:
             self._sessions.create(session_config(study, progress, pseudonym, step.period))
+            self._hold(pseudonym, on=progress.stopping)
         else:
             self._sessions.stop(study.session(pseudonym, step.period))
+
+    def _hold(self, pseudonym: str, *, on: bool) -> None:
+        """Pause the person's lesson, or let it go on; one that waits for every answer waits by itself."""
+        study, progress = self._book.study, self._book.progress(pseudonym)
+        step = present_step(study, progress)
+        if (
+            step.kind is StepKind.TEACH
+            and study.lesson(step.period).window.mode is not WindowMode.UNTIL_ANSWERED
+        ):
+            self._sessions.hold(study.session(pseudonym, step.period), on=on)
 
     # ------------------------------------------------------------ who they are
 

@@ -4,7 +4,7 @@ from collections import defaultdict
 from pathlib import Path
 
 from protocol.codec import DecodeError
-from protocol.journal import Record, fold
+from protocol.journal import Kind, Record, fold
 from services.runtime.journal import JournalError, read_rows
 from services.study.book import study_folder
 from services.study.records import Course, courses
@@ -75,13 +75,25 @@ def _lessons(data: Path, wanted: dict[str, tuple[str, int]]) -> dict[str, dict[i
         if folded is not None:
             taught = folded.session
             is_whole = taught.phase is Phase.FINISHED and taught.episode == taught.config.episodes
+            present_ns = max(0, taught.teaching_ns - _absent_ns(records[session]))
             found[pseudonym][period] = Taught(
                 tuple(taught.episodes),
-                taught.teaching_ns / NS_PER_S,
+                present_ns / NS_PER_S,
                 taught.counts.submitted,
                 is_whole=is_whole,
             )
     return found
+
+
+def _absent_ns(records: list[Record]) -> int:
+    """Return how long the session's only teacher was away between joining for the first and the last time."""
+    absent, left_ns = 0, None
+    for record in records:
+        if record.kind == Kind.LEFT.value:
+            left_ns = record.at_ns
+        elif record.kind == Kind.JOINED.value and left_ns is not None:
+            absent, left_ns = absent + record.at_ns - left_ns, None
+    return absent
 
 
 def _participant(study: Study, pseudonym: str, course: Course, lessons: dict[int, Taught]) -> Participant:

@@ -10,7 +10,7 @@ from protocol.messages import CreateSession, World
 from protocol.translate import window_spec
 from services.operator import Operator, OperatorError
 from sfid_core.study.assignment import world_seed
-from sfid_core.study.definition import Lesson, Study
+from sfid_core.study.definition import Study
 from sfid_core.study.flow import Progress
 
 log = logging.getLogger("sfid.study")
@@ -25,7 +25,7 @@ def session_config(study: Study, progress: Progress, pseudonym: str, period: int
 
     Practice is with the method that comes first for them.
     """
-    lesson: Lesson = study.teaching if period or study.practice is None else study.practice
+    lesson = study.lesson(period)
     condition = study.conditions[progress.order[max(0, period - 1)]]
     return CreateSession(
         session=study.session(pseudonym, period),
@@ -69,6 +69,12 @@ class Sessions:
             self._created.discard(session)
             self._wishes.put(_Wish(session, lambda: self._operator.control(session, "stop"), STOP_TRIES))
 
+    def hold(self, session: str, *, on: bool) -> None:
+        """Have a session paused, or go on again; one that does so already is left as it is."""
+        if session in self._created:
+            verb = "pause" if on else "resume"
+            self._wishes.put(_Wish(session, lambda: self._operator.control(session, verb), STOP_TRIES))
+
     def close(self) -> None:
         """End the thread; what was not done yet is not done."""
         self._closing.set()
@@ -80,6 +86,8 @@ class Sessions:
             try:
                 wish.ask()
             except OperatorError as error:
+                if str(error).startswith(f"session {wish.session}: "):
+                    continue  # paused, going on or finished already
                 log.warning("session %s: %s", wish.session, error)
                 wish.tries_left -= 1
                 if wish.tries_left:

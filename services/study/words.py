@@ -100,7 +100,7 @@ def _introduction(study: Study, progress: Progress, step: Step) -> Screen:
     else:
         asked_after = METHODS[condition.method].asks_after is not None
         told = (AIM, *paragraphs(REWARDS if asked_after else LABELS))
-    lesson = study.teaching if step.period or study.practice is None else study.practice
+    lesson = study.lesson(step.period)
     rounds = "one round" if lesson.episodes == 1 else f"{lesson.episodes} rounds"
     if step.period == 0:
         last = f"First you practise: {rounds}, which do not count. Take your time."

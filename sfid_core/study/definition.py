@@ -117,6 +117,10 @@ class Study:
         """Return how many conditions one person meets."""
         return len(self.conditions) if self.design is Design.WITHIN else 1
 
+    def lesson(self, period: int) -> Lesson:
+        """Return what is taught in a period; 0 is practice."""
+        return self.teaching if period or self.practice is None else self.practice
+
     def session(self, pseudonym: str, period: int) -> str:
         """Return the name of a person's session; period 0 is practice."""
         return f"{self.name}-{pseudonym}-{period}"

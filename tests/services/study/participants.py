@@ -102,6 +102,7 @@ class Participant:
     said: str = ""
     before: tuple[int, str] = (-1, "")
     seen: list[str] = field(default_factory=list)
+    asked: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self.open()
@@ -190,6 +191,7 @@ class Participant:
         """Say what an expert would; nothing about a move whose beginning was not seen."""
         assert self.browser is not None
         self.answers += 1
+        self.asked.add(decision["asked"])
         said: dict[str, Any] = {
             "type": "answer",
             "id": f"{int(self.nonce, 16) * 100_000 + self.answers:032x}",

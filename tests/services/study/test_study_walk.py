@@ -37,11 +37,11 @@ def test_a_participant_walks_the_whole_way_reloading_at_each_step(maze: Running)
     assert ann.screen["text"] == ["First.", "Second."]
     assert (ann.open(), ann.agree()) == ("consent", "practice-intro")
     assert (ann.open(), ann.press("go")) == ("practice-intro", "practice")
-    ann.teach(answers_max=2)
+    ann.teach(answers_max=1)
     assert (ann.open(), ann.teach()) == ("practice", "intro-1")
     assert (ann.open(), ann.press("go")) == ("intro-1", "teach-1")
     session = ann.screen["session"]
-    ann.teach(answers_max=2)
+    ann.teach(answers_max=1)
     assert (ann.open(), ann.screen["session"], ann.teach()) == ("teach-1", session, "effort-1")
     assert (ann.open(), ann.rate(*RATINGS)) == ("effort-1", "done")
     code = ann.screen["code"]
@@ -77,7 +77,7 @@ def test_who_stops_in_the_middle_of_a_lesson_may_keep_or_delete_what_was_answere
     for person in (keep, drop):
         person.agree()
         assert person.press("go") == "practice"
-        person.teach(answers_max=3)
+        person.teach(answers_max=1)
         assert person.press("stop") == "stop"
         assert (person.open(), person.press("go-on")) == ("stop", "practice")
         assert person.press("stop") == "stop"
