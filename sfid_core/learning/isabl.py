@@ -13,7 +13,7 @@ from sfid_core.learning.choices import choose_explored, softmax_at
 from sfid_core.learning.elementary import exp, log
 from sfid_core.learning.kernels import Evidence, Learned, Memory, Transition
 from sfid_core.learning.method import Method
-from sfid_core.learning.parameters import GAMMA, RATE
+from sfid_core.learning.parameters import GAMMA, Range
 from sfid_core.learning.sabl import ERROR
 from sfid_core.teaching.answers import AnswerKind
 
@@ -37,8 +37,8 @@ class ISablParameters(NamedTuple):
     """Discount factor of the measures; I-SABL itself learns no values."""
     error: Annotated[float, ERROR] = 0.2
     """epsilon: the probability that the teacher judges an action wrongly; the true one, or more."""
-    explore: Annotated[float, RATE] = 0.0
-    """Probability of a random action. Loftin's agents take `error` here; 0 is ours."""
+    explore: Annotated[float, Range(0, 1, source="Loftin et al. 2016: the error rate")] = 0.2
+    """Probability of a random action."""
 
 
 @kernel

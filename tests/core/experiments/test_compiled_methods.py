@@ -23,7 +23,7 @@ VARIANTS: dict[str, list[dict[str, Value]]] = {
     "coach": [{}, {"trace": 0.0}, {"trace": 0.9, "delay_steps": 2.0}],
     "clone": [{"demonstrations": 4.0}],
     "dagger": [{"rounds": 6.0}, {"schedule": "power"}],
-    "isabl": [{}, {"explore": 0.2}],
+    "isabl": [{}, {"error": 0.35}],
     "pies": [{"episodes": 6.0}, {"gamma_advice": 0.9}],
     "potential": [{}, {"form": "distance"}],
     "sfid": [{}, {"silence": "skip", "explore": 0.1}, {"omega": "centred"}],

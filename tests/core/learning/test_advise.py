@@ -17,9 +17,9 @@ def shares(pupil: Pupil) -> list[float]:
     return [weight / sum(weights) for weight in weights]
 
 
-def told(**parameters: float | str) -> Pupil:
+def told(consistency: float = 0.8, optima: str = "one") -> Pupil:
     """UP praised twice, LEFT blamed once: D = (-1, 0, 2, 0)."""
-    pupil = Pupil("advise", alpha=0.5, **parameters)
+    pupil = Pupil("advise", alpha=0.5, consistency=consistency, optima=optima)
     pupil.do(S0, UP, 0.0, rewards(1.0), S1)
     pupil.do(S0, UP, 0.0, rewards(0.3), S1)
     pupil.do(S0, LEFT, 0.0, rewards(-1.0), S1)

@@ -30,7 +30,7 @@ def worth(praised: int, blamed: int, right: int, wrong: int) -> float:
 
 def test_answers_weigh_as_in_sabl_while_nobody_is_silent() -> None:
     """eps 0.2: praise of UP + ln 4, blame of LEFT - ln 4; errors 1 - 1/4 and 0 - 1/7."""
-    pupil = Pupil("isabl")
+    pupil = Pupil("isabl", explore=0.0)
     assert pupil.do(S0, UP, 0.0, rewards(1.0), S1) == pytest.approx((0.75, 0.75, 1.0))
     assert pupil.do(S0, LEFT, 0.0, rewards(-1.0), S1) == pytest.approx((-1 / 7, -1 / 7, -1.0))
     assert pupil.values(S0) == pytest.approx([-math.log(4), 0, math.log(4), 0])
@@ -44,7 +44,7 @@ def test_silence_is_worth_what_the_strategies_make_of_it() -> None:
     A second praise makes who is silent about the right action less likely: -0.18, so LEFT falls behind,
     its silence counts as wrong, z_wrong = 1, and that is worth -0.6453.
     """
-    pupil = Pupil("isabl")
+    pupil = Pupil("isabl", explore=0.0)
     pupil.do(S0, UP, 0.0, rewards(1.0), S1)
     pupil.do(S1, LEFT, 0.0, (), S2)
     assert pupil.values(S1) == pytest.approx([worth(1, 0, 1, 0), 0, 0, 0])
@@ -63,7 +63,7 @@ def test_the_silence_of_a_teacher_who_only_praises_is_blame_and_the_other_way_ro
     spoken: int, sign: int
 ) -> None:
     """UP is right in forty states; all four actions are tried in each."""
-    pupil = Pupil("isabl")
+    pupil = Pupil("isabl", explore=0.0)
     for number in range(40):
         for action in range(4):
             said = 1 if action == UP else -1
@@ -95,7 +95,7 @@ def fixed_policy(steps: list[tuple[int, int, int]]) -> dict[int, list[float]]:
 def test_increments_come_to_the_fixed_point_of_whole_histories() -> None:
     """A teacher who praises 30 % of the right actions and blames 80 % of the wrong ones, six states."""
     random = Random(3)
-    pupil = Pupil("isabl")
+    pupil = Pupil("isabl", explore=0.0)
     steps = []
     for _ in range(150):
         state, action = random.randrange(6), random.randrange(4)
