@@ -19,6 +19,7 @@ from services.gateway.secret import load_secrets
 from services.gateway.service import read_status
 from services.operator import Operator
 from services.router import free_endpoint
+from services.runtime.bus import Bus
 from services.runtime.config import GatewaySection
 from services.runtime.zenoh_bus import open_bus
 from sfid_core.sokoban.levels import packaged
@@ -33,6 +34,7 @@ class Lesson:
     data: Path
     endpoint: str
     url: str
+    bus: Bus
     operator: Operator
     sessions: int = 0
     ids: dict[str, str] = field(default_factory=dict)
@@ -84,4 +86,5 @@ def lesson(data: Path) -> Iterator[Lesson]:
         supervisor.start(launch.environment(deployed), launch.learner(deployed), gateway)
         bus = open_bus(deployed.endpoint, 5000)
         stack.callback(bus.close)
-        yield Lesson(data, deployed.endpoint, str(read_status(data)["url"]), Operator(bus, Keys("local")))
+        url = str(read_status(data)["url"])
+        yield Lesson(data, deployed.endpoint, url, bus, Operator(bus, Keys("local")))

@@ -2,12 +2,19 @@
 
 import json
 import re
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
+from queue import SimpleQueue
 
 import pytest
 
-from protocol.messages import WindowSpec
+from protocol.codec import decode
+from protocol.keys import Keys
+from protocol.messages import Step, WindowSpec
+from services.client import join
 from tests.browser.chromium import Chromium, Tab, chromium, program
 from tests.browser.lesson import Lesson, lesson
 
@@ -257,6 +264,33 @@ def test_two_people_teach_at_once_and_each_is_counted(class_: Lesson, open_tab: 
     third = open_tab(link)
     third.wait(MESSAGE)
     assert "used by all it was for" in third.text("#message")
+
+
+def test_a_page_a_script_and_a_program_of_ones_own_teach_one_session_at_once(
+    class_: Lesson, open_tab: Open, tmp_path: Path
+) -> None:
+    session = class_.session(window=EARLY, teachers_min=3)
+    steps: SimpleQueue[bytes] = SimpleQueue()
+    class_.bus.subscribe(Keys("local").measures(session), lambda received: steps.put(received.payload))
+    tab = open_tab(class_.link(session, "ann"))
+    command = [sys.executable, "-P", "-m", "services.cli.main", "teach", "scripted", "--name", "cyd"]
+    script = subprocess.Popen(
+        [*command, "--connect", class_.endpoint, "--session", session], stderr=subprocess.DEVNULL
+    )
+    try:
+        with join(class_.endpoint, session, "bob", outbox=tmp_path / "bob.sqlite") as teaching:
+            teaching.answer(next(teaching.decisions()), action="LEFT")
+            shown(tab)
+            tab.key("ArrowDown")
+            tab.wait(f"{FATE} !== 'none'")
+            step = decode(steps.get(timeout=20), Step)
+    finally:
+        script.terminate()
+        script.wait(20)
+    said = {one.teacher: (one.kind, one.action) for one in step.said}
+    assert said["ann"] == ("label", "DOWN")
+    assert said["bob"] == ("label", "LEFT")
+    assert set(said) == {"ann", "bob", "cyd"}
 
 
 def test_a_second_tab_takes_over_and_the_first_can_take_back(
