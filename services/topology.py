@@ -21,6 +21,7 @@ class Role(Enum):
     GATEWAY = "gateway"
     AGGREGATOR = "aggregator"
     OPERATOR = "operator"
+    STUDY = "study"
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,5 +121,17 @@ def _clients(keys: Keys) -> tuple[Node, ...]:
                 keys.learner("show"),
                 keys.control(teacher="operator"),
             ),
+        ),
+        Node(
+            Role.STUDY,
+            "a gateway that leads people through a study, and creates the session of each",
+            subscribes=news,
+            asks=(
+                keys.join(),
+                keys.answer(),
+                keys.learner("create"),
+                keys.control(teacher="operator"),
+            ),
+            announces=(keys.present(), keys.service("gateway")),
         ),
     )
