@@ -111,7 +111,8 @@ class Reception:
         self._aggregator.perform(live, effects[1:])
 
     def _member_of(self, live: LiveCrowd, worker: str) -> Crowd:
-        if live.crowd is None or worker not in live.crowd.members:
+        came_back = live.finished and worker in live.known
+        if live.crowd is None or not (came_back or worker in live.crowd.members):
             reason = f"join session {live.name} before you answer"
             raise Refused(Refusal(code="denied", reason=reason))
         return live.crowd

@@ -11,8 +11,17 @@ from protocol.journal import Kind, answer_body, read_answer_body, without_token
 from protocol.keys import KeyNameError
 from protocol.messages import Acknowledgement, Answer, Control, Done, Join, Refusal, Welcome
 from protocol.translate import UnknownAction, answer_given, episode_message, window_of
+from sfid_core.session.admission import NOT_OPEN_YET, why_rejected
 from sfid_core.session.effects import Acknowledge, AnswerCode, Ignored
-from sfid_core.session.events import Event, Paused, Resumed, Stopped, TeacherJoined, WindowChanged
+from sfid_core.session.events import (
+    AnswerGiven,
+    Event,
+    Paused,
+    Resumed,
+    Stopped,
+    TeacherJoined,
+    WindowChanged,
+)
 from sfid_core.session.machine import advance
 from sfid_core.session.state import Phase
 
@@ -65,6 +74,9 @@ class Reception:
         if message.teacher not in live.session.teachers and not came_back:
             raise Refused("denied", f"join session {live.name} before you answer")
         event = answer_given(message, live.numbers)
+        if _comes_again(live, message, event):
+            reason = f"decision {message.decision} comes again after a restart: send it again"
+            raise Refused("busy", reason)
         learner, at_ns = self._learner, self._learner.at_ns()
         learner.journal_elapsed(live)
         _, effects = advance(live.session, at_ns, event)
@@ -194,6 +206,12 @@ class Reception:
             return self._learner.keys.session_and_teacher(key)
         except KeyNameError:
             return NOBODY
+
+
+def _comes_again(live: LiveSession, message: Answer, event: AnswerGiven) -> bool:
+    """Tell whether an answer is to a decision of the learner's former life that is to be taken again."""
+    former = message.epoch < live.session.epoch and live.session.phase is not Phase.FINISHED
+    return former and why_rejected(live.session, event) == NOT_OPEN_YET
 
 
 def _event_of(message: Control) -> Event:

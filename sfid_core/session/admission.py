@@ -4,6 +4,8 @@ from sfid_core.session.events import AnswerGiven
 from sfid_core.session.state import Phase, Session
 from sfid_core.teaching.answers import AnswerKind
 
+NOT_OPEN_YET = "that decision is not open yet"
+
 
 def why_rejected(session: Session, event: AnswerGiven) -> str:
     """Say why an answer answers nothing that was asked, or return an empty text."""
@@ -18,7 +20,7 @@ def why_rejected(session: Session, event: AnswerGiven) -> str:
     if event.decision > session.decision or (
         event.decision == session.decision and _is_unasked(session, kind)
     ):
-        return "that decision is not open yet"
+        return NOT_OPEN_YET
     if event.decision == session.decision and session.phase is Phase.ASKING:
         return _why_another(session, event)
     return ""
