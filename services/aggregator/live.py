@@ -8,7 +8,8 @@ from protocol.messages import Crowd as CrowdReport
 from protocol.messages import Decision, Episode, Join, WindowSpec
 from services.aggregator.upstream import Upstream
 from services.runtime.bus import Request
-from sfid_core.crowd.round import Crowd
+from sfid_core.crowd.round import Asked, Crowd
+from sfid_core.teaching.answers import AnswerKind
 
 EPISODES_KEPT = 50
 """Latest episodes in a welcome, for the curves of a late joiner."""
@@ -67,6 +68,20 @@ class LiveCrowd:
         """Tell whether the crowd has given its answer to this question."""
         key = decision.decision, decision.state, decision.asked
         return any((handed.decision, handed.state, handed.asked) == key for handed in self.handed)
+
+
+def has_passed(asked: Asked, decision: Decision) -> bool:
+    """Tell whether the learner has gone on without an answer to what was asked.
+
+    A learner that was killed stands a step or two behind where it was and asks the same again: what was said
+    waits for it.
+    """
+    if decision.phase == "finished" or decision.decision != asked.decision:
+        return decision.phase == "finished" or decision.decision > asked.decision
+    if decision.phase == "executing":
+        return asked.kind in (AnswerKind.LABEL, AnswerKind.GUIDANCE)
+    same = (decision.asked, decision.state) == (asked.kind.value, asked.state)
+    return decision.phase == "asking" and not same
 
 
 def shown(live: LiveCrowd, decision: Decision, epoch: int, at_ns: int) -> Decision:

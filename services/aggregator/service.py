@@ -26,7 +26,7 @@ from protocol.messages import Answer, Decision, Refusal, Welcome
 from services.aggregator.attendance import Attendance
 from services.aggregator.config import AggregatorConfig
 from services.aggregator.handing import handed_answer
-from services.aggregator.live import LiveCrowd, shown
+from services.aggregator.live import LiveCrowd, has_passed, shown
 from services.aggregator.loop import DurableLoop
 from services.aggregator.optima import Optima
 from services.aggregator.reception import Reception
@@ -230,9 +230,7 @@ class Aggregator:
             return
         kind = _AGGREGATED.get(decision.asked) if decision.phase == "asking" else None
         open_round = crowd.round
-        if open_round is not None and (
-            kind is None or open_round.asked[:3] != (decision.decision, decision.state, kind)
-        ):
+        if open_round is not None and has_passed(open_round.asked, decision):
             self.close(live, Cause.OVERTAKEN, tell=False)
         if decision.phase == "finished" and not live.finished:
             self._finish(live)
@@ -245,7 +243,8 @@ class Aggregator:
         """Put a decision to the crowd, or tell it how the open one stands."""
         crowd, at_ns = live.crowd, self.loop.at_ns()
         assert crowd is not None  # noqa: S101 - told to the type checker: the caller has looked
-        again = crowd.round is not None
+        question = decision.decision, decision.state, kind
+        again = crowd.round is not None and crowd.round.asked[:3] == question
         row = self._asked_row(live, decision, kind, received_ns, known=again)
         if not again:
             live.asked = row

@@ -123,6 +123,21 @@ def test_a_learner_that_is_killed_finds_its_crowd_again(crowd_room: CrowdRoom) -
     assert (crowd_room.decision.decision, crowd_room.folded().mismatches) == (20, [])
 
 
+def test_what_was_said_before_the_learner_was_killed_counts_when_it_asks_again(crowd_room: CrowdRoom) -> None:
+    crowd_room.create()
+    ann, bob = crowd_room.members("ann", "bob")
+    for member in (ann, bob):
+        member.label("UP")
+    ann.label("UP")  # to decision 1, which the learner has not made durable yet
+    crowd_room.kill_learner()
+    crowd_room.start_learner()
+    crowd_room.pass_time(1_000)
+    assert (crowd_room.asked.decision, crowd_room.asked.phase) == (1, "asking")
+    assert bob.label("UP") == "accepted"
+    assert crowd_room.asked.decision == 2
+    assert [closing.answered for closing, _ in crowd_room.folded().closings] == [2, 2]
+
+
 def test_a_worker_who_is_forgotten_leaves_no_trace_in_the_reliabilities(crowd_room: CrowdRoom) -> None:
     crowd_room.create()
     teach(crowd_room, 30)
