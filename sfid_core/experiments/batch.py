@@ -155,17 +155,15 @@ class Batch:
         return TeacherMemory(self._zeros(TEACHER_SCALARS), self._zeros(praised))
 
     def _lanes(self, seeds: Sequence[int]) -> Lanes:
-        session, words = self._config.session, np.uint64
-        draws = [learner_draws(seed, session) for seed in seeds]
-        teachers = [teacher_key(seed, name, session) for seed in seeds for name in self._names or ("",)]
-        column = self._column
+        session, column, told = self._config.session, self._column, tuple(seeds)
+        ties, explore = _draws_of(told, session)
         return Lanes(
             len(seeds),
-            column(np.array([each.ties for each in draws], dtype=words)),
-            column(np.array([each.explore for each in draws], dtype=words)),
-            column(np.array(teachers, dtype=words)),
-            column(self.tables.starts_of(seeds, self._config.episodes).reshape(-1)),
-            column(np.array([stream(seed, "greedy", session) for seed in seeds], dtype=words)),
+            column(ties),
+            column(explore),
+            column(_teacher_keys(told, tuple(self._names or ("",)), session)),
+            column(_starts_of(self.tables, told, self._config.episodes)),
+            column(_greedy_keys(told if self._checkpoints else (), session)),
             column(self._trials(seeds)),
         )
 
@@ -198,6 +196,34 @@ class Batch:
             steps_max,
         )
         return share
+
+
+Words = npt.NDArray[np.uint64]
+
+
+# Conditions of one experiment share their seeds, and naming a stream costs as much as fifty steps.
+
+
+@lru_cache(maxsize=512)
+def _draws_of(seeds: tuple[int, ...], session: str) -> tuple[Words, Words]:
+    draws = [learner_draws(seed, session) for seed in seeds]
+    ties, explore = ([each[place] for each in draws] for place in (0, 1))
+    return np.array(ties, dtype=np.uint64), np.array(explore, dtype=np.uint64)
+
+
+@lru_cache(maxsize=512)
+def _teacher_keys(seeds: tuple[int, ...], names: tuple[str, ...], session: str) -> Words:
+    return np.array([teacher_key(seed, name, session) for seed in seeds for name in names], dtype=np.uint64)
+
+
+@lru_cache(maxsize=512)
+def _greedy_keys(seeds: tuple[int, ...], session: str) -> Words:
+    return np.array([stream(seed, "greedy", session) for seed in seeds], dtype=np.uint64)
+
+
+@lru_cache(maxsize=512)
+def _starts_of(tables: WorldTables, seeds: tuple[int, ...], episodes: int) -> npt.NDArray[np.int32]:
+    return tables.starts_of(seeds, episodes).reshape(-1)
 
 
 def run_batch(

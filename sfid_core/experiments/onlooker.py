@@ -85,7 +85,7 @@ def check_same_answers(recorded: Method, other: Method) -> None:
         answers = " and ".join(sorted(had)) or "nothing"
         message = (
             f"method {other.name} asks for {' and '.join(sorted(wanted))}, the session's {recorded.name} "
-            f"asked for {answers}: choose a method that asks for no more than that, or record a session with it"
+            f"asked for {answers}: choose a method that asks for no more, or record a session with it"
         )
         raise ParameterError(message)
 
