@@ -65,7 +65,9 @@ class Reception:
         aggregator, crowd = self._aggregator, live.crowd
         if crowd is None or live.decision is None:
             return  # the request falls, and the worker asks again
-        if message.teacher not in crowd.members and not live.finished:
+        if live.finished:  # who comes then may still hold answers
+            live.known.add(message.teacher)
+        elif message.teacher not in crowd.members:
             if len(crowd.members) >= aggregator.config.members_max:
                 full = f"the crowd of session {live.name} has {len(crowd.members)} members: join another"
                 request.reply_error(encode(Refusal(code="busy", reason=full)))

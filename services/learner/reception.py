@@ -134,7 +134,9 @@ class Reception:
     def _join(self, live: LiveSession, message: Join, request: Request) -> None:
         session, learner = live.session, self._learner
         finished = session.phase is Phase.FINISHED
-        if message.teacher not in session.teachers and not finished:
+        if finished:  # who comes then may still hold answers
+            live.known.add(message.teacher)
+        elif message.teacher not in session.teachers:
             if len(session.teachers) >= learner.config.teachers_max:
                 raise Refused(
                     "busy",
