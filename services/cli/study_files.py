@@ -83,7 +83,7 @@ def _effort(folder: Path, found: Findings) -> tuple[Path, ...]:
     intervals = np.stack([one.intervals for one in rated], axis=1)
     rows = (*(scale.dimension for scale in SCALES), "Raw score")
     columns = tuple(one.condition for one in rated)
-    grid = Grid("Effort", rows, columns, values, intervals[:, :, 0], intervals[:, :, 1])
+    grid = Grid("", rows, columns, values, intervals[:, :, 0], intervals[:, :, 1])
     people = " and ".join(str(one.people) for one in rated)
     note = f"Means over {people} people with 95% intervals; performance: 0 is perfect."
     return write_dots([grid], folder / "effort", note, Width.PAGE, (0.0, 100.0))

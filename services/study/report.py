@@ -42,7 +42,7 @@ def report_html(found: Findings, counts: Tally, figures: Sequence[tuple[str, Pat
         "<h2>People</h2>" + _people(found, counts),
         "<h2>What differs</h2>" + _claims(found.claims),
         *(_figure(caption, path) for caption, path in figures),
-        "<h2>Effort</h2>" + _effort(found.effort) if study.effort else "",
+        "<h2>Effort in numbers</h2>" + _effort(found.effort) if study.effort else "",
         "<h2>How to read this</h2>" + _notes(found),
     ]
     return (
@@ -87,10 +87,10 @@ def _claims(claims: Sequence[PeopleClaim]) -> str:
         for one in claims
     ]
     level = claims[0].level
-    head = (
-        "<tr><th>claim</th><th class='n'>first</th><th class='n'>other</th><th class='n'>difference</th>"
-        f"<th class='n'>{level:.1%} interval</th><th></th></tr>"
-    )
+    others = {one.other for one in claims}
+    named = (claims[0].first, others.pop() if len(others) == 1 else "other")
+    columns = "".join(f"<th class='n'>{escape(name)}</th>" for name in (*named, "difference"))
+    head = f"<tr><th>claim</th>{columns}<th class='n'>{level:.1%} interval</th><th></th></tr>"
     return f"<table>{head}{''.join(rows)}</table>"
 
 

@@ -14,12 +14,12 @@ from sfid_core.study.results import Participant, arm_of, whole
 
 PEOPLE_FOR_INTERVAL = 2
 WORDS = {
-    Measure.STEPS: "steps",
-    Measure.INPUTS: "answers applied",
+    Measure.STEPS: "steps an episode",
+    Measure.INPUTS: "answers an episode",
     Measure.ABS_TD_ERROR: "|TD error|",
     Measure.DISCOUNTED_RETURN: "discounted return",
 }
-TIME, EFFORT = "teaching time", "effort"
+TIME, EFFORT = "teaching time (s)", "effort (raw score)"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -130,8 +130,8 @@ def test_people_become_the_arms_of_the_figure_and_their_effort_is_told_by_condit
     ]  # fmt: skip
     verdicts = {claim.what: claim.verdict for claim in found.claims}
     assert verdicts == {
-        "steps": "shown", "answers applied": "shown", "|TD error|": "not shown",
-        "discounted return": "not shown", "teaching time": "shown", "effort": "shown",
+        "steps an episode": "shown", "answers an episode": "shown", "|TD error|": "not shown",
+        "discounted return": "not shown", "teaching time (s)": "shown", "effort (raw score)": "shown",
     }  # fmt: skip
 
 

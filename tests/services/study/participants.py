@@ -11,6 +11,7 @@ from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
 from websockets.sync.client import connect
+from websockets.typing import Origin
 
 from services.teachers.scripted import optimal_names
 from sfid_core.study.effort import SCALES
@@ -23,7 +24,7 @@ STUDY = """
 name = "{name}"
 title = "Teach an agent"
 design = "{design}"
-seed = 1
+seed = {seed}
 recruiter = "{recruiter}"
 completion_code = "{code}"
 [consent]
@@ -49,7 +50,7 @@ episodes = {episodes}
 def study_file(folder: Path, **changes: Any) -> Path:  # noqa: ANN401 - any key of the text
     """Write a small study and return its file."""
     fields: dict[str, Any] = {
-        "name": "maze", "design": "between", "recruiter": "none", "code": "", "episodes": 3,
+        "name": "maze", "design": "between", "recruiter": "none", "code": "", "episodes": 3, "seed": 1,
     }  # fmt: skip
     path = folder / "maze.toml"
     path.write_text(STUDY.format(**(fields | changes)))
@@ -113,7 +114,7 @@ class Participant:
         arrival = self.arrival or dict(parse_qsl(parts.query))
         opened = connect(
             f"ws://{parts.netloc}/socket",
-            origin=f"http://{parts.netloc}",  # type: ignore[arg-type]
+            origin=Origin(f"http://{parts.netloc}"),
             compression=None,
             proxy=None,
         )

@@ -68,7 +68,9 @@ def test_the_report_has_the_figure_the_effort_the_tables_and_claims_nothing_of_e
     assert sorted(found["people"].values()) == [3, 4]
     assert {claim["verdict"] for claim in found["claims"]} == {"too few people to say"}
     assert not any(claim["holds"] for claim in found["claims"])
-    effort = next(claim for claim in found["claims"] if claim["claim"].endswith("differ in effort"))
+    effort = next(
+        claim for claim in found["claims"] if claim["claim"].endswith("differ in effort (raw score)")
+    )
     assert effort["means"] == pytest.approx([15.0, 40.0])
     assert {Path(name).name for name in found["files"]} == {
         *(f"{name}.{ending}" for ending in ("csv", "parquet")
