@@ -4,6 +4,7 @@ import sqlite3
 from collections import defaultdict
 from contextlib import closing
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, TypeVar
 
 from protocol.codec import DecodeError, decode, unpack
@@ -17,10 +18,12 @@ from protocol.messages import (
     Step,
     Wire,
 )
+from services.simulate.nodes import KEYS
 from services.simulate.scenario import SESSION
 from services.simulate.stage import History
 
 M = TypeVar("M", bound=Wire)
+_MEASURES = KEYS.measures(SESSION)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +78,9 @@ class Evidence:
     rows: list[Row] = field(default_factory=list)
     kept: list[Kept] = field(default_factory=list)
     told: list[Told] = field(default_factory=list)
+    crowd_told: list[Told] = field(default_factory=list)
+    """Acknowledgements of the aggregator."""
+    crowd_rows: list[Row] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
     """As published, repeats after a restart included."""
     executed: dict[tuple[int, int, int, bytes, str], set[bytes]] = field(
@@ -122,7 +128,7 @@ def gather(history: History) -> Evidence:
             asked[seen.ask] = seen.payload
         elif seen.what == "reply":
             _reply(evidence, seen.key, asked[seen.ask], seen.payload)
-        elif seen.what == "publish" and seen.key.endswith("/measures"):
+        elif seen.what == "publish" and seen.key == _MEASURES:
             step = _read(seen.payload, Step) or _read(seen.payload, Episode)
             if isinstance(step, Step):
                 evidence.steps.append(step)
@@ -140,7 +146,8 @@ def _reply(evidence: Evidence, key: str, asked: bytes, payload: bytes) -> None:
     if "/answer/" in key:
         told = _read(payload, Acknowledgement)
         if told is not None:
-            evidence.told.append(Told(asked, told))
+            ours = evidence.told if key.startswith(f"{KEYS.root}/") else evidence.crowd_told
+            ours.append(Told(asked, told))
     elif key.endswith("/execute"):
         request, done = _read(asked, ExecuteAction), _read(payload, Executed)
         if request is not None and done is not None:
@@ -152,13 +159,19 @@ def _reply(evidence: Evidence, key: str, asked: bytes, payload: bytes) -> None:
             evidence.reports.append(report)
 
 
-def _rows(evidence: Evidence) -> None:
-    path = evidence.history.data_dir / "shard-0" / "journal.sqlite"
+def _rows_in(directory: Path) -> list[Row]:
+    path = directory / "shard-0" / "journal.sqlite"
     if not path.exists():
-        return
+        return []
     with closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True)) as file:
         select = "SELECT seq, kind, answer_id, body FROM rows WHERE session = ? ORDER BY seq"
-        evidence.rows = [Row(*row) for row in file.execute(select, (SESSION,))]
+        return [Row(*row) for row in file.execute(select, (SESSION,))]
+
+
+def _rows(evidence: Evidence) -> None:
+    evidence.rows = _rows_in(evidence.history.data_dir)
+    if evidence.history.crowd_dir is not None:
+        evidence.crowd_rows = _rows_in(evidence.history.crowd_dir)
     for row in evidence.rows:
         if row.kind == "answer":
             code, _, payload = _fields(row.body)

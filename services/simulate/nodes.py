@@ -4,24 +4,26 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from random import Random
 
-from protocol.codec import DecodeError, decode, encode
+from protocol.codec import encode
 from protocol.keys import Keys
-from protocol.messages import Answer, Control, CreateSession, Decision, Refusal, SessionQuery
+from protocol.messages import Refusal
+from services.aggregator.config import AggregatorConfig
+from services.aggregator.optima import Optima
+from services.aggregator.service import Aggregator
 from services.client import Client, Opened
 from services.environment import Environment
 from services.learner.config import LearnerConfig
 from services.learner.service import Learner
 from services.outbox import Outbox
-from services.runtime.bus import Received, Reply, Request
+from services.runtime.bus import Request
 from services.runtime.faulty_bus import FaultyBus, FaultyHub
 from services.runtime.timeline import dice
 from services.simulate.disk import Disk, PowerCut, SimulatedShard
 from services.simulate.scenario import MS, SESSION
 from services.teachers.scripted import Script, ScriptedConfig, optimal_names
 
-KEYS = Keys("local")
+KEYS, CROWD = Keys("local"), Keys("local-crowd")
 TICK_NS = 200 * MS
 """A learner looks at its clock so often when nothing comes, as its loop does."""
 ASK_MS = 1_000
@@ -151,6 +153,46 @@ class LearnerNode(Node):
             shard.abandon()
 
 
+class AggregatorNode(Node):
+    """The aggregator service on a disk of its own."""
+
+    def __init__(self, hub: FaultyHub, seed: int, disk: Disk) -> None:
+        super().__init__(hub, "aggregator", seed)
+        self.disk = disk
+        self._shard: SimulatedShard | None = None
+        self._aggregator: Aggregator | None = None
+
+    def begin(self) -> None:
+        """See Node."""
+        self._shard = self.disk.open()
+        config = AggregatorConfig(self.disk.data_dir, solver=False)
+        self._aggregator = Aggregator(
+            config,
+            self.bus,
+            self._shard,
+            self.timeline,
+            optima=Optima(lambda work: work()),
+            chance=self.chance,
+        )
+        self._aggregator.open()
+
+    def turn(self) -> None:
+        """See Node."""
+        if self._aggregator is not None:
+            self._aggregator.turn(0.0)
+
+    def due_ns(self) -> int | None:
+        """See Node."""
+        return None if self._aggregator is None else self.timeline.now_ns() + TICK_NS // 10
+
+    def end(self) -> None:
+        """See Node."""
+        self.disk.cut()
+        shard, self._shard, self._aggregator = self._shard, None, None
+        if shard is not None:
+            shard.abandon()
+
+
 class EnvironmentNode(Node):
     """The environment service: one request a turn."""
 
@@ -203,7 +245,7 @@ class TeacherNode(Node):
         """See Node."""
         self.done = self._over = False
         self._client = Client(
-            self.bus, KEYS, SESSION, self.name,
+            self.bus, Keys(self._config.deployment), SESSION, self.name,
             outbox=self._outbox, clock=self.timeline, measures=True, chance=self.chance,
         )  # fmt: skip
         self._script = Script(self._config, self._client.has_answered, optimal=_OPTIMAL)
@@ -241,143 +283,3 @@ class TeacherNode(Node):
     def end(self) -> None:
         """See Node."""
         self._client = self._script = None
-
-
-class OperatorNode(Node):
-    """Creates the session, pauses and resumes it, and asks for the report at the end; asks until answered."""
-
-    def __init__(self, hub: FaultyHub, seed: int, config: CreateSession) -> None:
-        super().__init__(hub, "operator", seed)
-        self.report: bytes | None = None
-        self._config = config
-        self._wishes: deque[tuple[str, bytes]] = deque([(KEYS.learner("create"), encode(config))])
-        self._asking = False
-
-    def begin(self) -> None:
-        """See Node."""
-
-    def pause(self, span_ns: int) -> None:
-        """Pause the session for about so long."""
-        self._control("pause")
-        self.timeline.call_in(span_ns, partial(self._control, "resume"))
-
-    def resume(self) -> None:
-        """Resume the session: a pause that was repeated on its way may have come after its resume."""
-        self._control("resume")
-
-    def show(self) -> None:
-        """Ask for the report, once the wishes before it are granted."""
-        self._wishes.append((KEYS.learner("show"), encode(SessionQuery(session=SESSION))))
-        self.wake()
-
-    def _control(self, verb: str) -> None:
-        message = Control(session=SESSION, teacher="operator", verb=verb)  # type: ignore[arg-type]
-        self._wishes.append((KEYS.control(SESSION, "operator"), encode(message)))
-        self.wake()
-
-    def turn(self) -> None:
-        """See Node."""
-        if self._wishes and not self._asking:
-            self._asking = True
-            key, payload = self._wishes[0]
-            self.bus.ask(key, payload, self._on_reply, ASK_MS)
-
-    def _on_reply(self, reply: Reply | None) -> None:
-        self._asking = False
-        if reply is None or not reply.ok:
-            self.timeline.call_in(RETRY_NS, self.wake)
-            return
-        key, _ = self._wishes.popleft()
-        if key == KEYS.learner("show"):
-            self.report = reply.payload
-
-
-class ViewerNode(Node):
-    """Watches everything and asks for reports at odd moments; whatever it does must change nothing."""
-
-    def begin(self) -> None:
-        """See Node."""
-        self.bus.subscribe(KEYS.decision(), self._hear)
-        self.bus.subscribe(KEYS.measures(), self._hear)
-
-    def _hear(self, _received: Received) -> None:
-        if self.chance.random() < 0.1:
-            self.bus.ask(
-                KEYS.learner("show"), encode(SessionQuery(session=SESSION)), lambda _reply: None, ASK_MS
-            )
-
-    def turn(self) -> None:
-        """See Node."""
-
-
-class MeddlerNode(Node):
-    """A second client under the teachers' names that does what a broken or hostile one would.
-
-    It repeats what they sent, sends other contents under the same ids, answers decisions that are over or
-    not open, for states that they were not asked about, and sends bytes that are no messages. None of this
-    may change what is learnt. Unless it is `faithful` it also has second thoughts about open decisions.
-    """
-
-    def __init__(self, hub: FaultyHub, seed: int, *, faithful: bool) -> None:
-        super().__init__(hub, "meddler", seed)
-        self._faithful = faithful
-        self.acknowledged: list[tuple[str, bytes]] = []
-        """(key, payload) of answers that were acknowledged."""
-        self._decision: Decision | None = None
-
-    def begin(self) -> None:
-        """See Node."""
-        self.bus.subscribe(KEYS.decision(), self._hear)
-
-    def _hear(self, received: Received) -> None:
-        try:
-            self._decision = decode(received.payload, Decision)
-        except DecodeError:
-            return
-        if self.acknowledged and self.chance.random() < 0.25:
-            key, payload = self.chance.choice(self.acknowledged)
-            self.bus.ask(key, self._meddled(self.chance, payload), lambda _reply: None, ASK_MS)
-
-    def _meddled(self, chance: Random, payload: bytes) -> bytes:
-        before, decision = decode(payload, Answer), self._decision
-        deed = chance.randrange(6 if self._faithful else 8)
-        if deed == 0 or decision is None:
-            return payload
-        if deed == 1:
-            return _with(
-                before, action=chance.choice(decision.actions), response_ms=chance.randrange(1 << 30)
-            )
-        fresh = {"answer_id": chance.randbytes(16)}
-        if deed == 2:
-            return _with(before, **fresh)
-        if deed == 3:
-            return _with(before, **fresh, decision=decision.decision + chance.randint(2, 9))
-        if deed == 4:
-            other = bytes(byte ^ 0x55 for byte in decision.state) or b"elsewhere"
-            return _with(before, **fresh, decision=decision.decision, step=decision.step, state=other)
-        if deed == 5:
-            return payload[: chance.randrange(len(payload))] + chance.randbytes(3)
-        return _with(before, **fresh, **_second_thoughts(chance, before, decision))
-
-    def turn(self) -> None:
-        """See Node."""
-
-
-def _second_thoughts(chance: Random, before: Answer, decision: Decision) -> dict[str, object]:
-    """Return what turns an answer into another one to the open decision."""
-    place = {"decision": decision.decision, "episode": decision.episode, "step": decision.step}
-    judges = before.kind == "reward"
-    said = {
-        "action": decision.action if judges else chance.choice(decision.actions),
-        "reward": chance.choice((-1.0, 1.0)) if judges else None,
-    }
-    return (
-        place
-        | {"epoch": decision.epoch, "state": decision.state}
-        | (said if before.kind != "abstain" else {})
-    )
-
-
-def _with(answer: Answer, **changes: object) -> bytes:
-    fields = {name: getattr(answer, name) for name in answer.__struct_fields__} | changes
-    return encode(Answer(**fields))

@@ -29,10 +29,26 @@ def r1_acknowledged_is_kept(evidence: Evidence) -> Iterator[str]:
             yield f"answer {name}: acknowledged as {reply.code}, but another content is in the journal"
         elif found[0].seq != reply.journal_seq:
             yield f"answer {name}: acknowledged as row {reply.journal_seq}, is row {found[0].seq}"
+    yield from _crowd_is_kept(evidence)
     for teacher, left in evidence.history.unacknowledged.items():
         yield f"{left} answers of {teacher} were never acknowledged"
     for problem in evidence.history.problems:
         yield f"the journal does not verify: {problem}"
+
+
+def _crowd_is_kept(evidence: Evidence) -> Iterator[str]:
+    """The same for what workers were told by an aggregator, whose rows hold what they sent as it came."""
+    rows = {row.seq: row for row in evidence.crowd_rows}
+    ids = Counter(row.answer_id for row in evidence.crowd_rows if row.answer_id is not None)
+    for told in evidence.crowd_told:
+        reply, name = told.reply, told.reply.answer_id.hex()[:8]
+        row = rows.get(reply.journal_seq)
+        if ids[reply.answer_id] != 1:
+            yield f"worker's answer {name}: acknowledged, and {ids[reply.answer_id]} times in the journal"
+        elif row is None or row.answer_id != reply.answer_id:
+            yield f"worker's answer {name}: acknowledged as row {reply.journal_seq}, which is another"
+        elif (told.payload in row.body) is (reply.code == "conflict"):
+            yield f"worker's answer {name}: acknowledged as {reply.code}, which its row does not bear out"
 
 
 def r2_same_id_same_acknowledgement(evidence: Evidence) -> Iterator[str]:
@@ -75,6 +91,8 @@ def _modelled(evidence: Evidence) -> str:
 
 
 def _h(said: list[Kept], action: str) -> float:
+    if len(said) == 1 and said[0].answer.posterior and said[0].answer.action:
+        return 2.0 * said[0].answer.posterior.get(action, 0.0) - 1.0
     label = opinion(one.answer.action for one in said if one.answer.kind == "label" and one.answer.action)
     if label is not None:
         return 1.0 if label == action else -1.0
@@ -120,7 +138,7 @@ def r5_bound_to_its_decision_and_state(evidence: Evidence) -> Iterator[str]:
         for said in step.said:
             if (said.kind, said.action, said.reward) not in given[step.decision, said.teacher]:
                 yield f"decision {step.decision}: what counts for {said.teacher} was not said about it"
-        if step.h != _h_of(step):
+        if not evidence.history.scenario.lesson.crowd and step.h != _h_of(step):
             yield f"decision {step.decision}: h is {step.h}, by what was said it is {_h_of(step)}"
 
 

@@ -34,6 +34,8 @@ class Lesson:
     faults: TeacherParameters
     exact: bool
     """Whether faults must not change what is learnt: people are waited for, and all of them return."""
+    crowd: bool
+    """Whether the teachers are workers of an aggregator, which is the learner's only teacher."""
 
 
 class What(Enum):
@@ -42,6 +44,7 @@ class What(Enum):
     KILL_LEARNER = "kill the learner"
     KILL_ENVIRONMENT = "kill the environment"
     KILL_TEACHER = "kill a teacher"
+    KILL_AGGREGATOR = "kill the aggregator"
     LEAVE = "a teacher leaves for good"
     STALL = "stop a process and let it go on"
     CUT = "cut one direction between two processes"
@@ -92,9 +95,11 @@ def lesson_of(seed: int) -> int:
 def lesson(number: int, decisions: int = 0) -> Lesson:
     """Return one of the lessons, a long one on demand."""
     chance = dice(number, "lesson")
-    kind = chance.choice(("exact", "exact", "exact", "present", "early", "full", "reward", "q-learning"))
+    kind = chance.choice(
+        ("exact", "exact", "exact", "present", "early", "full", "reward", "q-learning", "crowd")
+    )
     teachers = TEACHERS[: max(3 if decisions else 0, chance.randint(1, 3))] if kind != "q-learning" else ()
-    mode = "until-answered" if kind in {"exact", "present", "reward"} else "early"
+    mode = "until-answered" if kind in {"exact", "present", "reward", "crowd"} else "early"
     window = WindowSpec(
         mode="full" if kind == "full" else mode,  # type: ignore[arg-type]
         span_ms=chance.randint(20, 400),
@@ -113,12 +118,12 @@ def lesson(number: int, decisions: int = 0) -> Lesson:
         episodes=max(chance.randint(3, 5), decisions // STEPS_AN_EPISODE),
         seed=chance.randrange(2**32),
         window=window,
-        teachers_min=len(teachers),
+        teachers_min=1 if kind == "crowd" else len(teachers),
     )
     faults = TeacherParameters(
         chance.choice((0.0, 0.2)), chance.choice((0.0, 0.2)), chance.choice((0.0, 0.1))
     )
-    return Lesson(config, teachers, faults, exact=kind in {"exact", "q-learning"})
+    return Lesson(config, teachers, faults, kind in {"exact", "q-learning"}, kind == "crowd")
 
 
 def undisturbed(taught: Lesson) -> Scenario:
@@ -163,13 +168,17 @@ def _trial(chance: Random, taught: Lesson, last: int) -> Trial:
         kinds += [What.KILL_TEACHER, What.KILL_TEACHER]
     if len(taught.teachers) > 1 and not taught.exact:
         kinds += [What.LEAVE, What.LEAVE]
+    if taught.crowd:
+        kinds += [What.KILL_AGGREGATOR, What.KILL_AGGREGATOR]
     what = chance.choice(kinds)
-    everybody = ("learner", "environment", *taught.teachers)
+    everybody = ("learner", "environment", *taught.teachers, *(("aggregator",) if taught.crowd else ()))
     who, other = chance.choice(everybody), chance.choice(everybody)
     if what is What.KILL_LEARNER:
         who = "learner"
     elif what is What.KILL_ENVIRONMENT:
         who = "environment"
+    elif what is What.KILL_AGGREGATOR:
+        who = "aggregator"
     elif what in {What.KILL_TEACHER, What.LEAVE}:
         who = chance.choice(taught.teachers)
     return Trial(

@@ -14,15 +14,16 @@ from services.runtime.faults import Seen
 from services.runtime.faulty_bus import FaultyHub
 from services.runtime.journal import JournalError, verify
 from services.runtime.timeline import Timeline, dice
+from services.simulate.bystanders import MeddlerNode, OperatorNode, ViewerNode
 from services.simulate.disk import Disk, DiskFaults
 from services.simulate.nodes import (
+    CROWD,
+    KEYS,
+    AggregatorNode,
     EnvironmentNode,
     LearnerNode,
-    MeddlerNode,
     Node,
-    OperatorNode,
     TeacherNode,
-    ViewerNode,
 )
 from services.simulate.scenario import SESSION, Scenario, Trial, What
 from services.teachers.scripted import ScriptedConfig
@@ -40,6 +41,7 @@ QUIET_NS = 2 * SECOND
 APPOINTMENTS_MAX = 50_000
 """A run that goes on for ever is cut off here; a long lesson may have so many for each hundred decisions."""
 _FAULTS = frozenset({"lost", "again", "cut", "offline", "die", "stall"})
+_DECISION = KEYS.decision(SESSION)
 BEGINNING_WALL_NS = 1_700_000_000 * SECOND
 
 
@@ -50,6 +52,8 @@ class History:
     scenario: Scenario
     seen: list[Seen] = field(default_factory=list)
     data_dir: Path = Path()
+    crowd_dir: Path | None = None
+    """Where the aggregator's journal is, if there is an aggregator."""
     report: bytes | None = None
     """The last report, None when the session did not finish."""
     unacknowledged: dict[str, int] = field(default_factory=dict)
@@ -87,6 +91,10 @@ class Stage:
         self._processes: dict[str, Node] = {
             "learner": self.learner, "environment": self.environment, **self.teachers
         }  # fmt: skip
+        self.aggregator: AggregatorNode | None = None
+        if lesson.crowd:
+            disk = Disk(root / "crowd", self.timeline, dice(seed, "disk", "crowd"), scenario.disk)
+            self.aggregator = self._processes["aggregator"] = AggregatorNode(self.hub, seed, disk)
         self._left: set[str] = set()
         self._appointments_max = APPOINTMENTS_MAX * (1 + lesson.config.episodes // 20)
         self._restarting: set[str] = set()
@@ -94,7 +102,8 @@ class Stage:
 
     def _teacher(self, name: str) -> TeacherNode:
         lesson = self._scenario.lesson
-        config = ScriptedConfig(SESSION, name, seed=11, parameters=lesson.faults)
+        keys = CROWD if lesson.crowd else KEYS
+        config = ScriptedConfig(SESSION, name, seed=11, parameters=lesson.faults, deployment=keys.deployment)
         return TeacherNode(self.hub, self._scenario.seed, config, Outbox())
 
     def play(self) -> History:
@@ -120,8 +129,9 @@ class Stage:
         while not reached() and self.timeline.now_ns() < end_ns:
             if self.timeline.happened > self._appointments_max or not self.timeline.step():
                 return
-            if not self.learner.alive:
-                self._restart_soon(self.learner)
+            for node in (self.learner, self.aggregator):
+                if node is not None and not node.alive:
+                    self._restart_soon(node)
 
     def _settled(self) -> bool:
         return self._finished and all(
@@ -145,6 +155,8 @@ class Stage:
         self._healed = True
         self.hub.heal()
         self.disk.faults = DiskFaults()
+        if self.aggregator is not None:
+            self.aggregator.disk.faults = DiskFaults()
         for node in self._processes.values():
             if node.bus in self.hub.buses:
                 node.bus.set_online(online=True)
@@ -159,7 +171,7 @@ class Stage:
             f"{seen.at_ns} {seen.what} {seen.sender} {seen.receiver} {seen.key} {seen.ask} ".encode()
         )
         self._digest.update(seen.payload)
-        if seen.what == "publish" and seen.key.endswith("/decision"):
+        if seen.what == "publish" and seen.key == _DECISION:
             self._on_decision(decode(seen.payload, Decision))
         elif seen.what == "answered" and "/answer/" in seen.key:
             self._on_acknowledgement(seen)
@@ -186,7 +198,7 @@ class Stage:
             return
         node = self._processes[trial.who]
         match trial.what:
-            case What.KILL_LEARNER | What.KILL_ENVIRONMENT | What.KILL_TEACHER:
+            case What.KILL_LEARNER | What.KILL_ENVIRONMENT | What.KILL_TEACHER | What.KILL_AGGREGATOR:
                 node.kill()
                 self.timeline.call_in(trial.span_ns, partial(self._restart, node))
             case What.LEAVE:
@@ -222,11 +234,16 @@ class Stage:
         history.died_of = [line for node in self._processes.values() for line in node.died_of]
         self.learner.kill("leave")
         history.data_dir = self.disk.data_dir
+        if self.aggregator is not None:
+            self.aggregator.kill("leave")
+            history.crowd_dir = self.aggregator.disk.data_dir
         history.appointments = self.timeline.happened
         history.faults = len(self.disk.fates) + sum(seen.what in _FAULTS for seen in history.seen)
         history.trace_sha256 = self._digest.hexdigest()
         try:
             history.problems = verify(history.data_dir).problems
+            if history.crowd_dir is not None:
+                history.problems += verify(history.crowd_dir).problems
             for one in replay_directory(history.data_dir, SESSION):
                 history.replayed = (one.q_sha256, one.matches)
         except (JournalError, DecodeError) as error:

@@ -165,6 +165,22 @@ BUGS = (
         "",
     ),
     Bug(
+        "an answer to a decision that comes again after a restart is rejected",
+        "R8",
+        RECEPTION,
+        "        if _comes_again(live, message, event):\n",
+        "        if message is None:\n",
+        seeds=72,
+    ),
+    Bug(
+        "an aggregator's worker is acknowledged before the commit",
+        "R1",
+        "services/aggregator/loop.py",
+        "        self._unsent.append((request, encode(reply)))\n",
+        "        request.reply(encode(reply))\n",
+        seeds=72,
+    ),
+    Bug(
         "an answer that nobody acknowledged is taken for saved",
         "R8",
         "services/client/delivery.py",
