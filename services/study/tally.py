@@ -21,6 +21,8 @@ class Tally:
     """Who opened the page."""
     rows: dict[str, Counter[str]]
     """By condition: how many are at which step, or left how."""
+    codes: dict[str, str]
+    """Completion code of everybody who completed, by pseudonym: what a recruiter pays for."""
     to_erase: tuple[str, ...]
     """Pseudonyms of those who want their answers deleted, as far as bytes of theirs are still there."""
 
@@ -30,6 +32,7 @@ class Tally:
             "study": self.study,
             "opened": self.opened,
             "conditions": {name: dict(counts) for name, counts in self.rows.items()},
+            "codes": self.codes,
             "to_erase": list(self.to_erase),
         }
 
@@ -62,4 +65,9 @@ def tally(study: Study, people: dict[str, Course]) -> Tally:
         if name != UNASSIGNED or counts.total()
     }
     erase = [name for name, course in people.items() if course.progress.standing is Standing.ERASED]
-    return Tally(study.name, len(people), rows, tuple(sorted(erase)))
+    codes = {
+        name: course.progress.code
+        for name, course in people.items()
+        if course.progress.standing is Standing.COMPLETED
+    }
+    return Tally(study.name, len(people), rows, codes, tuple(sorted(erase)))

@@ -103,7 +103,7 @@ def _introduction(study: Study, progress: Progress, step: Step) -> Screen:
     lesson = study.lesson(step.period)
     rounds = "one round" if lesson.episodes == 1 else f"{lesson.episodes} rounds"
     if step.period == 0:
-        last = f"First you practise: {rounds}, which do not count. Take your time."
+        last = f"First you practise, {rounds} that will not count. Take your time."
     else:
         last = f"Now it counts: {rounds} with an agent that knows nothing yet."
     return Screen(

@@ -58,6 +58,7 @@ def test_status_counts_people_by_step_and_condition(taught: Running) -> None:
     assert sum(row.get("completed", 0) for row in counts.values()) == PEOPLE - 1
     assert sorted(sum(row.values()) for row in counts.values()) == [4, 4]
     assert len(found["to_erase"]) == 1
+    assert len(set(found["codes"].values())) == len(found["codes"]) == PEOPLE - 1
 
 
 def test_the_report_has_the_figure_the_effort_the_tables_and_claims_nothing_of_eight(
