@@ -93,7 +93,7 @@ def _compiled(
     keep = bool(getattr(numba.config, "CACHE_DIR", ""))
     # A call costs more than most kernels do: named tuples are taken apart and put together again. And kernels
     # make no arrays, so nothing has to count who refers to one: that alone is five sixths of a step.
-    options = {"nogil": True, "cache": keep, "forceinline": inlined, "_nrt": False}
+    options: dict[str, Any] = {"nogil": True, "cache": keep, "forceinline": inlined, "_nrt": False}
     return numba.njit(**options)(_rebuilt(function, replaced, name))
 
 

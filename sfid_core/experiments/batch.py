@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sfid_core.chance import stream
+from sfid_core.chance import draw, stream
 from sfid_core.compiled import compiled, compiler_available, linked
 from sfid_core.experiments.greedy import greedy_share
 from sfid_core.experiments.lane import run_lanes
@@ -42,7 +42,12 @@ from sfid_core.sokoban.actions import ACTIONS
 from sfid_core.sokoban.live import WorldTables, tabulate
 from sfid_core.sokoban.world import World, WorldConfig, make_world
 from sfid_core.teaching.answers import AnswerKind
-from sfid_core.teaching.kernels import TEACHER_SCALARS, TeacherMemory, TeacherParameters
+from sfid_core.teaching.kernels import (
+    TEACHER_SCALARS,
+    TeacherMemory,
+    TeacherParameters,
+    preferred_of,
+)
 from sfid_core.teaching.merge import NOWHERE, ONE_HOT
 from sfid_core.teaching.simulated import state_word, teacher_key
 
@@ -284,7 +289,9 @@ def _kernels(method: Method, *, fast: bool) -> tuple[Callable[..., int], Callabl
         "prefer": method.prefer,
     }
     if not fast:
-        return linked(run_lanes, parts), linked(greedy_share, {"prefer": method.prefer})
+        # Python pays for every call: what a teacher always draws and answers alike is remembered.
+        same = {"draw": lru_cache(1 << 16)(draw), "preferred_of": lru_cache(1 << 16)(preferred_of)}
+        return linked(run_lanes, parts | same), linked(greedy_share, {"prefer": method.prefer})
     return (
         compiled(run_lanes, parts, method.name),
         compiled(greedy_share, {"prefer": method.prefer}, method.name),
