@@ -72,10 +72,10 @@ class Running:
 
 
 @contextmanager
-def running(file: Path, data: Path) -> Iterator[Running]:
+def running(file: Path, data: Path, listen: str = "127.0.0.1:0") -> Iterator[Running]:
     """Yield the study as `sfid study run` starts it."""
     command = [sys.executable, "-P", "-m", "services.cli.main", "study", "run", str(file)]
-    command += ["--data", str(data), "--listen", "127.0.0.1:0"]
+    command += ["--data", str(data), "--listen", listen]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
@@ -186,6 +186,7 @@ class Participant:
                     self.before = (frame["decision"], frame["view"])
                 if frame["phase"] == "asking":
                     self._answer(frame)
+                    self.before = (frame["decision"] + 1, frame["view"])
         return str(self.screen["name"])
 
     def _answer(self, decision: dict[str, Any]) -> None:

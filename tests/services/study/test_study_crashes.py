@@ -1,0 +1,66 @@
+"""Processes of a running study are killed: its people go on where they were (ring 3)."""
+
+import json
+import os
+import signal
+import socket
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from websockets.exceptions import WebSocketException
+
+from services.study.reading import read_participants
+from sfid_core.study.flow import Standing
+from tests.services.study.participants import Participant, running, study_file
+
+pytestmark = pytest.mark.real
+BACK_S = 60.0
+RATINGS = (60, 5, 40, 20, 55, 0)
+
+
+def free_port() -> int:
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+def kill(data: Path, role: str) -> None:
+    processes = {row["role"]: row["pid"] for row in json.loads((data / "processes.json").read_text())}
+    os.kill(processes[role], signal.SIGKILL)
+
+
+def come_back(person: Participant) -> str:
+    """Open the page again, as a browser does by itself, until there is one."""
+    until = time.monotonic() + BACK_S
+    pause = threading.Event()
+    while True:
+        try:
+            return person.open()
+        except (OSError, WebSocketException):
+            assert time.monotonic() < until
+            pause.wait(0.1)
+
+
+def test_a_participant_outlives_the_death_of_the_page_and_of_the_learner(tmp_path: Path) -> None:
+    with running(study_file(tmp_path), tmp_path / "data", listen=f"127.0.0.1:{free_port()}") as maze:
+        ann = maze.participant(1)
+        ann.agree()
+        kill(maze.data, "gateway")
+        assert come_back(ann) == "practice-intro"
+        assert ann.press("go") == "practice"
+        assert ann.teach() == "intro-1"
+        assert ann.press("go") == "teach-1"
+        ann.teach(answers_max=2)
+        kill(maze.data, "gateway")
+        assert come_back(ann) == "teach-1"
+        ann.teach(answers_max=1)
+        kill(maze.data, "learner")
+        assert ann.teach() == "effort-1"
+        kill(maze.data, "gateway")
+        assert come_back(ann) == "effort-1"
+        assert ann.rate(*RATINGS) == "done"
+        (one,) = read_participants(maze.data, "maze")[1]
+    assert (one.standing, one.ratings) == (Standing.COMPLETED, {1: RATINGS})
+    assert (len(one.lessons[1].episodes), one.lessons[1].is_whole) == (3, True)
