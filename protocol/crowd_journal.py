@@ -213,14 +213,25 @@ def fold_crowd(records: Iterable[Record], without: Collection[str] = ()) -> Fold
             numbers = {name: index for index, name in enumerate(config.actions)}
             folded = FoldedCrowd(Crowd(config.rounds, config.weighing, len(config.actions)), config)
             continue
-        try:
-            _APPLY[CrowdKind(record.kind)](folded, record, numbers, without)
-        except DecodeError:
-            raise
-        except (UnknownAction, ValueError, KeyError) as error:
-            detail = f"{record.kind} row: {printable(str(error))}"
-            raise DecodeError(DecodeFault.NOT_THE_SCHEMA, detail) from None
+        apply_row(folded, record, numbers, without)
     return folded
+
+
+def apply_row(
+    folded: FoldedCrowd, record: Record, numbers: dict[str, int], without: Collection[str] = ()
+) -> None:
+    """Let a row after the first take effect on what the rows before it built.
+
+    Args: numbers: the session's actions by name; without: as for `fold_crowd`.
+    Raises: DecodeError when its body cannot be read.
+    """
+    try:
+        _APPLY[CrowdKind(record.kind)](folded, record, numbers, without)
+    except DecodeError:
+        raise
+    except (UnknownAction, ValueError, KeyError) as error:
+        detail = f"{record.kind} row: {printable(str(error))}"
+        raise DecodeError(DecodeFault.NOT_THE_SCHEMA, detail) from None
 
 
 def _came_or_went(

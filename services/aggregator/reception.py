@@ -100,6 +100,8 @@ class Reception:
 
     def _answer(self, live: LiveCrowd, message: Answer, kept: bytes, request: Request) -> None:
         crowd = self._member_of(live, message.teacher)
+        if live.decision is None:  # after a restart: what is asked is not known yet
+            raise Refused(Refusal(code="busy", reason="the crowd waits for its learner: send it again"))
         event = answered_event(message, live.numbers)
         loop = self._aggregator.loop
         at_ns = loop.at_ns()

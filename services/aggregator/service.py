@@ -10,10 +10,8 @@ from random import Random
 from protocol.codec import DecodeError, encode
 from protocol.crowd_journal import (
     AskedRow,
-    ClosedRow,
     CrowdConfig,
     CrowdKind,
-    Handed,
     asked_event,
     config_body,
     fold_crowd,
@@ -22,10 +20,10 @@ from protocol.crowd_journal import (
 )
 from protocol.journal import Record
 from protocol.keys import Keys
-from protocol.messages import Answer, Decision, Refusal, Welcome
+from protocol.messages import Decision, Refusal, Welcome
 from services.aggregator.attendance import Attendance
 from services.aggregator.config import AggregatorConfig
-from services.aggregator.handing import handed_answer
+from services.aggregator.handing import Handing
 from services.aggregator.live import LiveCrowd, has_passed, shown
 from services.aggregator.loop import DurableLoop
 from services.aggregator.optima import Optima
@@ -83,6 +81,7 @@ class Aggregator:
         self._gold = stream(config.seed, "gold", config.name)
         self.attendance = Attendance(self)
         self.reporter = Reporter(self)
+        self.handing = Handing(self, chance)
         self.reception = Reception(self)
 
     # ------------------------------------------------------------ life
@@ -193,11 +192,8 @@ class Aggregator:
                 self.bus.publish(self.keys.measures(live.name), encode(episode))
             case Refused(reason=reason):
                 self._on_refused(live, reason)
-            case AnswerUpdate(state=AnswerState.TOO_LATE | AnswerState.REJECTED as state, reason=reason):
-                live.too_late += 1
-                if live.too_late & (live.too_late - 1) == 0:  # 1, 2, 4, 8 ...
-                    log.warning("session %s: conclusion %d was %s: %s", live.name, live.too_late,
-                                state.value, reason or "the margin is too short")  # fmt: skip
+            case AnswerUpdate(state=AnswerState.TOO_LATE | AnswerState.REJECTED):
+                self.handing.refused(live, update)
 
     def _on_welcome(self, live: LiveCrowd, welcome: Welcome) -> None:
         live.episodes.clear()
@@ -335,30 +331,10 @@ class Aggregator:
         assert crowd is not None  # noqa: S101 - told to the type checker: there is an open round
         for effect in advance(crowd, at_ns, Closed(cause)):
             if isinstance(effect, Concluded):
-                self._concluded(live, effect, at_ns)
+                message = self.handing.concluded(live, effect, at_ns)
+                self.reporter.learnt(live, effect, message, at_ns)
         if tell:
             self.publish_decision(live)
-
-    def _concluded(self, live: LiveCrowd, concluded: Concluded, at_ns: int) -> None:
-        asked, message = live.asked, None
-        if concluded.answer is not None and asked is not None:
-            response_ms = max(0, at_ns - concluded.round.opened_at_ns) // 1_000_000
-            answer_id = self._chance.randbytes(16)
-            message = handed_answer(concluded.answer, asked, live, answer_id, response_ms)
-            live.handed.append(Handed(message.decision, message.state, asked.asked, encode(message)))
-            self.loop.after_commit(lambda: self._hand_on(live, message))
-        row = ClosedRow(
-            concluded.round.asked.decision, concluded.cause.value, len(concluded.round.answers),
-            () if concluded.conclusion is None else concluded.conclusion.posterior,
-            b"" if message is None else encode(message),
-        )  # fmt: skip
-        unique = None if message is None else message.answer_id
-        self.loop.append(live.name, CrowdKind.CLOSED.value, row_body(row), at_ns, unique)
-        self.reporter.learnt(live, concluded, message, at_ns)
-
-    def _hand_on(self, live: LiveCrowd, message: Answer) -> None:
-        live.upstream.enter()
-        live.upstream.send(message)
 
     def _set_timer(self, live: LiveCrowd) -> None:
         deadline_ns = None if live.crowd is None or live.crowd.round is None else live.crowd.round.deadline_ns

@@ -138,6 +138,26 @@ def test_what_was_said_before_the_learner_was_killed_counts_when_it_asks_again(c
     assert [closing.answered for closing, _ in crowd_room.folded().closings] == [2, 2]
 
 
+def test_a_conclusion_that_comes_before_the_learner_stands_there_again_counts_then(
+    crowd_room: CrowdRoom,
+) -> None:
+    crowd_room.create()
+    (ann,) = crowd_room.members("ann")
+    ann.label("UP")
+    crowd_room.kill_learner()  # it asked for decision 1, and has not made durable how it came there
+    assert ann.label("LEFT") == "accepted"
+    crowd_room.tamper = lambda _verb, _reply: Refusal(code="busy", reason="wait")
+    crowd_room.start_learner()
+    for _ in range(3):
+        crowd_room.pass_time(1_000)
+    crowd_room.tamper = lambda _verb, reply: reply
+    for _ in range(3):
+        crowd_room.pass_time(1_000)
+    answers = [(one.decision, one.action) for one in crowd_room.learner_answers()]
+    assert answers == [(0, "UP"), (1, "LEFT")]
+    assert (crowd_room.asked.decision, crowd_room.asked.phase) == (2, "asking")
+
+
 def test_a_worker_who_is_forgotten_leaves_no_trace_in_the_reliabilities(crowd_room: CrowdRoom) -> None:
     crowd_room.create()
     teach(crowd_room, 30)
