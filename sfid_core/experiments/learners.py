@@ -135,6 +135,6 @@ def _needed(ordering: Ordering | Robustness) -> set[tuple[str, str]]:
 
 def _spelt(claim: Claim) -> Claim:
     text = claim.claim
-    for episodes in CHECKPOINTS:
+    for episodes in reversed(CHECKPOINTS):  # success_30 is the beginning of success_300
         text = text.replace(total_name("success", episodes), f"success after {episodes} episodes")
     return replace(claim, claim=text)
