@@ -22,9 +22,9 @@ class CoachParameters(NamedTuple):
     """Step size; the tabular codes have 0.05 with many more steps, 0.5 is ours."""
     gamma: Annotated[float, GAMMA] = 0.9
     """Discount factor of the measures; COACH itself learns no values."""
-    trace: Annotated[float, Range(0, 1, below=True, source="Deep COACH")] = 0.35
-    """lambda: how much of the trace is left after a step; 0.95 on the robot (33 ms a step), 0.1 in
-    a tabular grid."""
+    trace: Annotated[float, Range(0, 1, below=True)] = 0.5
+    """lambda: how much of the trace is left after a step. 0.95 on the robot (33 ms a step), 0.35 in Deep
+    COACH, 0.1 in a tabular grid; 0.5 is ours."""
     delay_steps: Annotated[float, Range(0, 1000, unit="steps")] = 0.0
     """d: feedback is for the step so many steps ago; 6 on the robot, 0 turn by turn."""
 

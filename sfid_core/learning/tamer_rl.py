@@ -4,7 +4,7 @@ from typing import Annotated, NamedTuple
 
 from sfid_core.chance import unit
 from sfid_core.compiled import kernel
-from sfid_core.learning.choices import most_blended, most_in_block
+from sfid_core.learning.choices import choose_explored, explored, most_blended, most_in_block
 from sfid_core.learning.human_model import (
     CREDIT,
     MODEL_SCALARS,
@@ -23,7 +23,6 @@ from sfid_core.learning.kernels import (
     Memory,
     Transition,
     best,
-    choose_first_block,
     one_step,
 )
 from sfid_core.learning.method import Method
@@ -32,6 +31,8 @@ from sfid_core.teaching.answers import AnswerKind
 
 WEIGHT = MODEL_SCALARS
 """Scalar: B, the weight of the teacher's model."""
+APART = 1 << 40
+"""How far from the draws of exploration those of control sharing are read."""
 ACTION_BIASING, CONTROL_SHARING, Q_AUGMENTATION, REWARD_SHAPING = range(4)
 
 
@@ -67,6 +68,8 @@ class TamerRLParameters(NamedTuple):
     """What a step without an answer teaches H."""
     forget: Annotated[float, RATE] = 0.1
     """Share of H(s, a) that one silent step takes away, with silence `decay`."""
+    explore: Annotated[float, RATE] = 0.0
+    """epsilon: probability of a random action. Knox's mountain car has 0.00625 * 0.99**episode; 0 is ours."""
 
 
 @kernel
@@ -84,17 +87,19 @@ def begin(m: Memory, p: TamerRLParameters, episode: int) -> None:
 
 @kernel
 def choose(m: Memory, p: TamerRLParameters, draws: Draws, state: int, decision: int) -> int:
-    """Return the action, ties at random.
+    """Return the action, ties at random; with probability `explore` any action.
 
     action biasing, Q augmentation: argmax Q + B * H. control sharing: argmax H with probability min(B, 1),
     else argmax Q. reward shaping: argmax Q.
     """
     if p.technique == REWARD_SHAPING:
-        return choose_first_block(m, p, draws, state, decision)
+        return choose_explored(m, p, draws, state, decision)
     if p.technique == CONTROL_SHARING:
-        shared = unit(draws.explore, decision) < m.scalars[WEIGHT]
-        return most_in_block(m, draws, state, decision, 1 if shared else 0)
-    return most_blended(m, draws, state, decision, 0, 1, m.scalars[WEIGHT])
+        shared = unit(draws.explore, decision + APART) < m.scalars[WEIGHT]
+        chosen = most_in_block(m, draws, state, decision, 1 if shared else 0)
+    else:
+        chosen = most_blended(m, draws, state, decision, 0, 1, m.scalars[WEIGHT])
+    return explored(m, p.explore, draws, decision, chosen)
 
 
 @kernel

@@ -31,7 +31,7 @@ VARIANTS: dict[str, list[dict[str, Value]]] = {
     "tamer": [{"silence": "zero"}, {"silence": "decay", "credit": "previous"}, {"credit": "aggregate"}],
     "tamer-rl": [
         {},
-        {"technique": "control-sharing"},
+        {"technique": "control-sharing", "explore": 0.2},
         {"technique": "q-augmentation"},
         {"technique": "reward-shaping"},
     ],

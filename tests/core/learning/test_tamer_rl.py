@@ -69,3 +69,12 @@ def test_q_augmentation_bootstraps_from_the_sum_of_both() -> None:
     pupil, learned = taught("q-augmentation")
     assert learned == [Learned(0.0, -1.0, 1.0), Learned(4.0, 4.0, 0.0), Learned(1.5, 2.0, -1.0)]
     assert (pupil.rounded(S0), pupil.rounded(S1)) == ([0, 0, 0, 0], [2, 0, 0, 0])
+
+
+def test_epsilon_is_the_probability_of_any_action_beside_the_techniques() -> None:
+    """UP leads in every technique but control sharing's model; epsilon 0.4: 0.6 + 0.1 of the choices."""
+    for technique in ("action-biasing", "control-sharing", "q-augmentation", "reward-shaping"):
+        pupil = Pupil("tamer-rl", technique=technique, explore=0.4)
+        pupil.do(S0, UP, 1.0, rewards(1.0))
+        chosen = [pupil.choose(S0, decision) for decision in range(4000)]
+        assert chosen.count(UP) == pytest.approx(2800, abs=120)
