@@ -199,7 +199,8 @@ class Aggregator:
         live.episodes.clear()
         live.episodes.extend(welcome.episodes)
         live.decision = welcome.decision
-        if live.crowd is None:
+        is_new = live.crowd is None
+        if is_new:
             config = CrowdConfig(
                 self.config.name, welcome.decision.actions, self.config.rounds, self.config.weighing
             )
@@ -209,6 +210,8 @@ class Aggregator:
         waiting, live.waiting = live.waiting, {}
         for message, request in waiting.values():
             self.reception.welcome(live, message, request)
+        if is_new:  # it may have been heard before, when there was no crowd to put it to
+            self._on_decision(live, welcome.decision, self._clock.now_ns())
 
     def _on_refused(self, live: LiveCrowd, reason: str) -> None:
         waiting, live.waiting = live.waiting, {}
