@@ -1,6 +1,7 @@
 """`sfid experiment learners`: methods by teachers on one or several levels."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -22,6 +23,7 @@ from services.cli.experiment_shared import (
 )
 from services.cli.options import Json, Seed, print_json
 from sfid_core.experiments.claims import Claim
+from sfid_core.experiments.learners import DEADLOCK_REWARD
 from sfid_core.experiments.summary import Arm, ArmSummary
 
 
@@ -50,6 +52,9 @@ def learners(  # noqa: PLR0917 - one argument a flag
     ] = "all",
     methods: Annotated[str, typer.Option(help="Methods by comma, or all.")] = "all",
     teachers: Annotated[str, typer.Option(help="Simulated teachers by comma, or all of the table.")] = "all",
+    deadlock_reward: Annotated[
+        float, typer.Option(help="What a deadlock costs beside the end.")
+    ] = DEADLOCK_REWARD,
     out: Out = None,
     workers: Workers = 0,
     no_compile: Plain = False,
@@ -68,7 +73,7 @@ def learners(  # noqa: PLR0917 - one argument a flag
     rows = tuple(experiment.VARIANTS) if methods == "all" else named(methods, "method", known)
     columns = experiment.TEACHERS if teachers == "all" else named(teachers, "teacher", tuple(PERSONAS))
     levels = list(dict.fromkeys(level or ["room"]))
-    worlds = [world_spec(one, starts) for one in levels]
+    worlds = [replace(world_spec(one, starts), deadlock_reward=deadlock_reward) for one in levels]
     conditions = [one for world in worlds for one in experiment.conditions(world, rows, columns)]
     results, seconds, sha256 = run_all(conditions, numbers, workers, out, plain=no_compile)
     resampling = Resampling(seed=seed)

@@ -22,6 +22,11 @@ CHECKPOINTS = (30, 100, 300)
 """Episodes after which the policy is tried; 30 is the founding paper's session."""
 PERFECT, NOISY, VERY_NOISY = "oracle", "noisy", "very-noisy"
 PRAISING, BLAMING, RARE = "reward-focused", "punishment-focused", "rare"
+EXPLORE = 0.1
+"""epsilon of those whom no teacher leads."""
+DEADLOCK_REWARD = 0.0
+"""A deadlock ends the episode and costs nothing else: what there is to learn comes from the goal and from the
+teacher. A cost of its own (-10 in sessions) helps every method that learns from rewards."""
 TEACHERS = (PERFECT, NOISY, VERY_NOISY, PRAISING, BLAMING, RARE)
 
 
@@ -34,9 +39,9 @@ class Variant:
 
 
 VARIANTS: dict[str, Variant] = {
-    "q-learning": Variant("q-learning"),
-    "potential": Variant("potential"),
-    "potential-distance": Variant("potential", {"form": "distance"}),
+    "q-learning": Variant("q-learning", {"explore": EXPLORE}),
+    "potential": Variant("potential", {"explore": EXPLORE}),
+    "potential-distance": Variant("potential", {"form": "distance", "explore": EXPLORE}),
     "reward": Variant("reward"),
     "sfid": Variant("sfid"),
     "sfid-memory": Variant("sfid-memory"),
@@ -50,7 +55,7 @@ VARIANTS: dict[str, Variant] = {
     "sabl": Variant("sabl"),
     "isabl": Variant("isabl"),
     "coach": Variant("coach"),
-    "pies": Variant("pies"),
+    "pies": Variant("pies", {"episodes": 50.0}),
     "clone": Variant("clone"),
     "dagger": Variant("dagger"),
 }

@@ -9,9 +9,11 @@ both.
 
 --peers installs each package into a temporary environment of its own, from the package index pip is set up
 for, and plays it in a process of its own; one that cannot be installed or played is reported with the reason.
+The batched loop over the table is there in C too, built by the machine's `cc`, where there is one.
 """
 
 import argparse
+import ctypes
 import json
 import subprocess
 import sys
@@ -49,6 +51,10 @@ BATCH = 4096
 LEVEL = parse_levels(LEVEL_XSB)[0]
 PEERS = Path(__file__).with_name("sokoban_peers.toml")
 """How each peer is played: programs for environments that hold only that package."""
+
+C_BATCH = "C table batch"
+BARS = {"sfid table batch / jumanji scan": 20.0, f"sfid table batch / {C_BATCH}": 1 / 3}
+"""What the ratios have to reach: 20 times jumanji, and within 3 times of C."""
 
 Play = Callable[[int], float]
 """Plays at least so many steps and returns the seconds it took per step."""
@@ -88,24 +94,25 @@ def board_scalar(steps: int) -> float:
 
 def table_batch(table: StateTable, solved: npt.NDArray[np.uint8]) -> Play:
     """4096 states at once: step, look up the outcome, start the solved ones again."""
-    # A row of four successors is found at 4 * state: kept multiplied, one addition finds the entry.
-    successor = (table.successor.reshape(-1).astype(np.int64)) * 4
+    # A row of four successors is found at 4 * state: kept multiplied, one addition finds the entry. A solved
+    # one carries a flag above all entries, so that one maximum tells whether any lane has ended.
+    ended = np.int64(1) << 40
+    after = table.successor.reshape(-1)
+    successor = after.astype(np.int64) * 4 + np.where(solved[after] != 0, ended, np.int64(0))
     start = table.state_id(LEVEL.start) * 4
-    solved_entries = np.repeat(solved, 4)
 
     def play(steps: int) -> float:
         actions = random_actions(EPISODE_STEPS * BATCH).astype(np.int64).reshape(EPISODE_STEPS, BATCH)
         rounds = -(-steps // actions.size)
-        entry, ended = np.empty(BATCH, dtype=np.int64), np.empty(BATCH, dtype=np.uint8)
+        entry = np.empty(BATCH, dtype=np.int64)
         began = perf_counter()
         for _ in range(rounds):
             states = np.full(BATCH, start)
             for action in actions:
                 np.add(states, action, out=entry)
                 np.take(successor, entry, out=states, mode="clip")
-                np.take(solved_entries, states, out=ended, mode="clip")
-                if ended.any():
-                    states[ended != 0] = start
+                if states.max() >= ended:
+                    states[states >= ended] = start
         return (perf_counter() - began) / (rounds * actions.size)
 
     return play
@@ -188,6 +195,49 @@ class Contestant:
         self.rates.append(1.0 / self.play(self.steps))
 
 
+C_SOURCE = """
+#include <stdint.h>
+/* Steps of a batch of states; solved ones start again. */
+void play(const int32_t *successor, const uint8_t *solved, const int64_t *actions, int64_t n_steps,
+          int64_t batch, int32_t start, int32_t *states) {
+    for (int64_t step = 0; step < n_steps; step++)
+        for (int64_t lane = 0; lane < batch; lane++) {
+            int32_t after = successor[4 * states[lane] + actions[step * batch + lane]];
+            states[lane] = solved[after] ? start : after;
+        }
+}
+"""
+
+
+def table_batch_in_c(table: StateTable, solved: npt.NDArray[np.uint8], folder: Path) -> Play:
+    """The loop of `table_batch` in C; raises PeerUnavailableError where it cannot be built."""
+    source, library = folder / "play.c", folder / "play.so"
+    source.write_text(C_SOURCE, encoding="utf-8")
+    try:
+        command = ["cc", "-O3", "-march=native", "-shared", "-fPIC", "-o", str(library), str(source)]
+        subprocess.run(command, check=True, capture_output=True, text=True, timeout=120)
+    except (OSError, subprocess.SubprocessError) as error:
+        raise PeerUnavailableError(f"not built: {error}") from None
+    run = ctypes.CDLL(str(library)).play
+    run.restype = None
+    run.argtypes = [*[ctypes.c_void_p] * 3, *[ctypes.c_int64] * 2, ctypes.c_int32, ctypes.c_void_p]
+    successor = np.ascontiguousarray(table.successor.reshape(-1))
+    start = table.state_id(LEVEL.start)
+
+    def play(steps: int) -> float:
+        actions = random_actions(EPISODE_STEPS * BATCH)
+        rounds = -(-steps // actions.size)
+        states = np.empty(BATCH, dtype=np.int32)
+        began = perf_counter()
+        for _ in range(rounds):
+            states[:] = start
+            run(successor.ctypes.data, solved.ctypes.data, actions.ctypes.data, EPISODE_STEPS, BATCH, start,
+                states.ctypes.data)  # fmt: skip
+        return (perf_counter() - began) / (rounds * actions.size)
+
+    return play
+
+
 class PeerUnavailableError(Exception):
     """A peer that cannot be installed or played, with the reason."""
 
@@ -244,19 +294,24 @@ def _reason(text: str) -> str:
     return [*lines, *errors][-1][:200] if lines else "no reason given"
 
 
-def contestants_here() -> list[Contestant]:
-    """Return ours and the plain NumPy ones."""
+def contestants_here(folder: Path, absent: dict[str, str]) -> list[Contestant]:
+    """Return ours, the plain NumPy ones, and the one in C; why it is missing goes to `absent`."""
     table = build_table(LEVEL)
     goal_cells = np.isin(table.cells, np.array(LEVEL.goals))
     solved_ranks = goal_cells[table.boxes].all(axis=0)
     solved = np.repeat(solved_ranks, table.n_cells).astype(np.uint8) * np.uint8(StateOutcome.SOLVED)
-    return [
+    found = [
         Contestant("sfid table", batched=False, play=table_scalar(table, solved)),
         Contestant("sfid board", batched=False, play=board_scalar),
         Contestant("sfid table batch", batched=True, play=table_batch(table, solved)),
         Contestant("plain NumPy", batched=False, play=plain_scalar),
         Contestant("plain NumPy batch", batched=True, play=plain_batch),
     ]
+    try:
+        found.append(Contestant(C_BATCH, batched=True, play=table_batch_in_c(table, solved, folder)))
+    except PeerUnavailableError as error:
+        absent[C_BATCH] = str(error)
+    return found
 
 
 def measure(rounds: int, seconds: float, *, peers: bool) -> dict[str, object]:
@@ -264,7 +319,7 @@ def measure(rounds: int, seconds: float, *, peers: bool) -> dict[str, object]:
     running: list[Peer] = []
     absent: dict[str, str] = {}
     with tempfile.TemporaryDirectory(prefix="sfid-peers-") as folder:
-        contestants = contestants_here()
+        contestants = contestants_here(Path(folder), absent)
         for name, entry in tomllib.loads(PEERS.read_text(encoding="utf-8")).items() if peers else ():
             try:
                 print(f"installing {name} ...", file=sys.stderr)
@@ -301,6 +356,8 @@ def report(contestants: list[Contestant], absent: dict[str, str]) -> dict[str, o
         "level": f"10x10, 4 boxes, {EPISODE_STEPS} steps an episode, batch {BATCH}",
         "steps_per_second": {one.name: round(median(one.rates)) for one in contestants},
         "ratios": {name: round(ratio, 2) for name, ratio in ratios.items()},
+        "bars": {name: round(bar, 3) for name, bar in BARS.items()},
+        "met": {name: bool(ratios[name] >= bar) for name, bar in BARS.items() if name in ratios},
         "unavailable": absent,
     }
 
@@ -319,7 +376,7 @@ def main() -> None:
     if options.json:
         print(json.dumps(result, indent=2))
         return
-    for title in ("steps_per_second", "ratios", "unavailable"):
+    for title in ("steps_per_second", "ratios", "met", "unavailable"):
         print(title)
         rows = result[title]
         for name, value in rows.items() if isinstance(rows, dict) else ():
