@@ -24,6 +24,7 @@ study_app = typer.Typer(
 )
 DEPLOYMENT = "study"
 CHECK_S = 0.2
+ROOMS_MIN = 1000
 File = Annotated[Path, typer.Argument(help="TOML file of the study.")]
 Data = Annotated[Path | None, typer.Option(help="Data directory; overrides the file.")]
 
@@ -116,7 +117,7 @@ def serve(
 ) -> None:
     """Serve the page of a study beside a router that is there already (`run` starts this)."""
     from protocol.keys import Keys
-    from services.gateway.config import GatewayConfig, GatewayError, place_of
+    from services.gateway.config import GatewayConfig, GatewayError, Limits, place_of
     from services.gateway.service import run as run_gateway
     from services.operator import Operator
     from services.runtime.clock import SystemClock
@@ -135,6 +136,8 @@ def serve(
         tls_cert=None if page.tls_cert is None else Path(page.tls_cert),
         tls_key=None if page.tls_key is None else Path(page.tls_key),
         insecure_bind=page.insecure_bind,
+        # A room stays open as long as its gateway lives, and everybody has one a lesson.
+        limits=Limits(rooms_max=max(ROOMS_MIN, found.people * (found.study.periods + 1))),
     )
     try:
         place_of(config)  # what cannot be is said before a router is waited for

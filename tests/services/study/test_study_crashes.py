@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from websockets.exceptions import WebSocketException
 
+from services.study.erasure import erasures
 from services.study.reading import read_participants
 from sfid_core.study.flow import Standing
 from tests.services.study.participants import Participant, running, study_file
@@ -64,3 +65,36 @@ def test_a_participant_outlives_the_death_of_the_page_and_of_the_learner(tmp_pat
         (one,) = read_participants(maze.data, "maze")[1]
     assert (one.standing, one.ratings) == (Standing.COMPLETED, {1: RATINGS})
     assert (len(one.lessons[1].episodes), one.lessons[1].is_whole) == (3, True)
+
+
+def test_a_study_that_is_started_again_has_the_same_link_and_its_people(tmp_path: Path) -> None:
+    file, data, listen = study_file(tmp_path), tmp_path / "data", f"127.0.0.1:{free_port()}"
+    with running(file, data, listen) as maze:
+        link, ann = maze.link, maze.participant(1)
+        ann.agree()
+        assert ann.press("go") == "practice"
+        ann.teach(answers_max=1)
+    with running(file, data, listen) as maze:
+        assert maze.link == link
+        ann.study = maze
+        assert (ann.open(), ann.teach()) == ("practice", "intro-1")
+        bob = maze.participant(2)
+        assert (bob.agree(), bob.pseudonym != ann.pseudonym) == ("practice-intro", True)
+        bob.press("stop")
+        bob.press("stop-delete")
+    assert [(left.data.name, left.session, left.person) for left in erasures(data, "maze")] == [
+        ("study-maze", "maze", bob.pseudonym)
+    ]
+
+
+def test_whose_answers_are_to_be_erased_is_told_with_every_session_of_theirs(tmp_path: Path) -> None:
+    with running(study_file(tmp_path), tmp_path / "data") as maze:
+        ann = maze.participant(1)
+        ann.agree()
+        ann.press("go")
+        ann.teach(answers_max=1)
+        assert ann.press("stop") == "stop"
+        assert erasures(maze.data, "maze") == ()
+        assert ann.press("stop-delete") == "erased"
+        left = {(one.data.name, one.session) for one in erasures(maze.data, "maze")}
+    assert left == {("study-maze", "maze"), ("data", f"maze-{ann.pseudonym}-0")}

@@ -122,3 +122,32 @@ def test_prolific_people_are_kept_apart_from_answers_and_take_part_once(prolific
     assert ann.press("stop") == "stop"
     assert ann.press("stop-delete") == "erased"
     assert json.loads((folder / "people.json").read_text()) == {}
+
+
+def test_within_people_each_lesson_asks_as_its_condition_says(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    folder = tmp_path_factory.mktemp("within")
+    with running(study_file(folder, design="within", episodes=1), folder / "data") as both:
+        orders = []
+        for number in (1, 2):
+            ann = both.participant(number)
+            ann.agree()
+            ann.press("go")
+            ann.teach()
+            asked = []
+            for lesson in (1, 2):
+                assert ann.screen["name"] == f"intro-{lesson}"
+                ann.asked.clear()
+                ann.press("go")
+                assert ann.teach() == f"effort-{lesson}"
+                asked += ann.asked
+                ann.rate(*RATINGS)
+            assert ann.screen["name"] == "done"
+            orders.append(asked)
+        _, people = read_participants(both.data, "maze")
+    assert sorted(orders) == [["label", "reward"], ["reward", "label"]]
+    assert [one.conditions for one in people] == [
+        tuple({"label": "labels", "reward": "rewards"}[asked] for asked in order) for order in orders
+    ]
+    assert all(one.ratings == {1: RATINGS, 2: RATINGS} and len(one.lessons) == 2 for one in people)
