@@ -198,9 +198,10 @@ class Aggregator:
     def _on_welcome(self, live: LiveCrowd, welcome: Welcome) -> None:
         live.episodes.clear()
         live.episodes.extend(welcome.episodes)
-        live.decision = welcome.decision
-        is_new = live.crowd is None
-        if is_new:
+        heard, told = live.decision, welcome.decision
+        if heard is None or heard.epoch != told.epoch or heard.sequence <= told.sequence:
+            live.decision = heard = told  # else the welcome was overtaken on its way
+        if live.crowd is None:
             config = CrowdConfig(
                 self.config.name, welcome.decision.actions, self.config.rounds, self.config.weighing
             )
@@ -210,8 +211,8 @@ class Aggregator:
         waiting, live.waiting = live.waiting, {}
         for message, request in waiting.values():
             self.reception.welcome(live, message, request)
-        if is_new:  # it may have been heard before, when there was no crowd to put it to
-            self._on_decision(live, welcome.decision, self._clock.now_ns())
+        # It may have been heard before, when there was no crowd to put it to.
+        self._on_decision(live, heard, self._clock.now_ns())
 
     def _on_refused(self, live: LiveCrowd, reason: str) -> None:
         waiting, live.waiting = live.waiting, {}
