@@ -20,11 +20,12 @@ class PotentialParameters(NamedTuple):
     """Discount factor, of the potential too: another one would change which policy is best."""
     form: Annotated[int, Choice(("value", "distance"))] = 0
     """The potential: see `potential`."""
-    scale: Annotated[float, Range(-1000, 1000)] = 1.0
-    """Factor on the potential."""
+    scale: Annotated[float, Range(-1000, 1000)] = 0.9
+    """Factor on the potential. At 1 the best actions come out at 0, as good as untried ones; 0.9 (ours)
+    leaves them above."""
     goal_reward: Annotated[float, Range(0, 1e6, unit="reward")] = 10.0
     """What the world pays for solving, for the form `value`."""
-    explore: Annotated[float, RATE] = 0.0
+    explore: Annotated[float, RATE] = 0.1
     """epsilon: probability of a random action; 0.1 in Ng's grids (from memory, unverified)."""
 
 

@@ -68,8 +68,8 @@ class TamerRLParameters(NamedTuple):
     """What a step without an answer teaches H."""
     forget: Annotated[float, RATE] = 0.1
     """Share of H(s, a) that one silent step takes away, with silence `decay`."""
-    explore: Annotated[float, RATE] = 0.0
-    """epsilon: probability of a random action. Knox's mountain car has 0.00625 * 0.99**episode; 0 is ours."""
+    explore: Annotated[float, RATE] = 0.1
+    """epsilon: probability of a random action. Knox's mountain car: 0.00625 * 0.99**episode; 0.1 is ours."""
 
 
 @kernel

@@ -14,7 +14,7 @@ def test_shaping_by_the_optimal_value_computed_by_hand() -> None:
     3. s1 (d 1), UP, r = 10, solved:          Eq. 2: 10.  F = 0 - 10.                  Q stays 0.
     4. s1 (d 1), LEFT, r = -2, dead:          Eq. 2: -2.  F = 0 - 10.                  Q(s1, LEFT) = -6
     """
-    pupil = Pupil("potential", alpha=0.5, gamma=0.5)
+    pupil = Pupil("potential", alpha=0.5, gamma=0.5, scale=1.0)
     assert pupil.do(S0, RIGHT, 0.0, (), S1, distances=(2, 1)) == Learned(0.0, 0.0, 0.0)
     assert pupil.do(S0, LEFT, 0.0, (), S2, distances=(2, 3)) == Learned(0.0, -3.75, 0.0)
     assert pupil.do(S1, UP, 10.0, distances=(1, 0)) == Learned(10.0, 0.0, 0.0)

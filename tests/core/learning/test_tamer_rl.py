@@ -12,7 +12,14 @@ def taught(technique: str, weight: float = 2.0) -> tuple[Pupil, list[Learned]]:
     H(s0, UP) = 0.5 * 1 = 0.5, then 0.5 + 0.5 * (-1 - 0.5) = -0.25.
     """
     pupil = Pupil(
-        "tamer-rl", alpha=0.5, gamma=0.5, model_alpha=0.5, technique=technique, weight=weight, anneal=0.5
+        "tamer-rl",
+        alpha=0.5,
+        gamma=0.5,
+        model_alpha=0.5,
+        technique=technique,
+        weight=weight,
+        anneal=0.5,
+        explore=0.0,
     )
     learned = [
         pupil.do(S0, UP, 0.0, rewards(1.0), S1),
