@@ -133,7 +133,7 @@ def crowd(  # noqa: PLR0917 - one argument a flag
 ) -> None:
     """Teach by a simulated crowd: many workers in one process, each with faults and a pace of their own."""
     from services.teachers.crowd import CrowdConfig, run
-    from services.teachers.crowd_mix import parse_mix
+    from sfid_core.teaching.crowd_mix import parse_mix
 
     keys = _names(session, name, deployment)
     specs = parse_mix(mix, name)

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from services.experiments.runnable import Runnable
 from services.runtime.sources import core_digest
-from sfid_core.experiments.condition import Condition, Results
+from sfid_core.experiments.condition import Results
 
 
 class ChunkStore:
@@ -24,7 +25,7 @@ class ChunkStore:
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
 
-    def load(self, condition: Condition, seeds: Sequence[int]) -> Results | None:
+    def load(self, condition: Runnable, seeds: Sequence[int]) -> Results | None:
         """Return the results of these seeds, or None when they were not kept."""
         if self._folder is None:
             return None
@@ -34,7 +35,7 @@ class ChunkStore:
                 return kept
         return None
 
-    def save(self, condition: Condition, seeds: Sequence[int], results: Results) -> None:
+    def save(self, condition: Runnable, seeds: Sequence[int], results: Results) -> None:
         """Keep the results of these seeds."""
         if self._folder is not None:
             path = self._path(self._folder, condition, seeds)
@@ -44,6 +45,6 @@ class ChunkStore:
             beside.replace(path)
 
     @staticmethod
-    def _path(folder: Path, condition: Condition, seeds: Sequence[int]) -> Path:
+    def _path(folder: Path, condition: Runnable, seeds: Sequence[int]) -> Path:
         named = f"{condition.digest} {list(seeds)} {core_digest()}"
         return folder / f"{sha256(named.encode()).hexdigest()[:32]}.npy"

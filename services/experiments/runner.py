@@ -6,14 +6,14 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPool
 from dataclasses import dataclass
 from pathlib import Path
 from threading import local
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from services.experiments.chunks import ChunkStore
+from services.experiments.runnable import Runnable
 from sfid_core.compiled import compiler_available
-from sfid_core.experiments.batch import Batch
-from sfid_core.experiments.condition import Condition, Results
+from sfid_core.experiments.condition import Results
 
 CHUNK_SEEDS = 50
 """Seeds that are run, kept and counted together."""
@@ -40,7 +40,7 @@ class _Task(NamedTuple):
 
 
 def run_conditions(
-    conditions: Sequence[Condition], seeds: Sequence[int], config: RunnerConfig, progress: Progress
+    conditions: Sequence[Runnable], seeds: Sequence[int], config: RunnerConfig, progress: Progress
 ) -> list[Results]:
     """Run every condition over every seed; return each condition's results over all seeds.
 
@@ -91,14 +91,13 @@ def _executor(workers: int, *, fast: bool) -> Executor:
 _prepared = local()
 
 
-def _run_chunk(condition: Condition, seeds: tuple[int, ...], fast: bool) -> Results:  # noqa: FBT001 - crosses processes
+def _run_chunk(condition: Runnable, seeds: tuple[int, ...], fast: bool) -> Results:  # noqa: FBT001 - crosses processes
     return condition.run(_batch(condition, fast=fast), seeds)
 
 
-def _batch(condition: Condition, *, fast: bool) -> Batch:
+def _batch(condition: Runnable, *, fast: bool) -> Any:  # noqa: ANN401 - each kind has its own
     """Return this worker's batch of a condition; the latest one is kept, for its chunks come in a row."""
     key = (condition.digest, fast)
     if getattr(_prepared, "key", None) != key:
         _prepared.batch, _prepared.key = condition.batch(fast=fast), key
-    batch: Batch = _prepared.batch
-    return batch
+    return _prepared.batch

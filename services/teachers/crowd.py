@@ -24,10 +24,10 @@ from services.client.one_loop import LoopBus
 from services.outbox import Outbox
 from services.runtime.bus import Bus
 from services.runtime.clock import Clock, SystemClock
-from services.teachers.crowd_mix import WorkerKind, WorkerSpec, mind_of
 from services.teachers.scripted import Script, ScriptedConfig, optimal_names, tell
 from sfid_core.chance import stream, unit
 from sfid_core.learning.parameters import ParameterError
+from sfid_core.teaching.crowd_mix import WorkerKind, WorkerSpec, mind_of
 
 log = logging.getLogger("sfid.teacher")
 

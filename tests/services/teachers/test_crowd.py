@@ -8,9 +8,9 @@ import pytest
 from protocol.messages import Refusal
 from services.runtime.memory_bus import MemoryBus, MemoryHub
 from services.teachers.crowd import CrowdConfig, CrowdError, SimulatedCrowd, run
-from services.teachers.crowd_mix import parse_mix
 from sfid_core.learning.parameters import ParameterError
 from sfid_core.teaching.answers import AnswerKind
+from sfid_core.teaching.crowd_mix import parse_mix
 from tests.services.aggregator.crowd_room import EARLY, CrowdRoom
 from tests.services.learner.classroom import session
 from tests.services.teachers.fake_learner import FakeLearner

@@ -2,8 +2,8 @@ import re
 
 import pytest
 
-from services.teachers.crowd_mix import WorkerKind, WorkerSpec, mind_of, parse_mix
 from sfid_core.learning.parameters import ParameterError
+from sfid_core.teaching.crowd_mix import WorkerKind, WorkerSpec, mind_of, parse_mix
 
 STATES = [number.to_bytes(16, "little") for number in range(2000)]
 
