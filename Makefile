@@ -25,7 +25,8 @@ demo: ## everything on this machine, with a scripted teacher
 	$(bin)/sfid demo
 
 bench: ## the figures of the README
-	for name in sokoban_step live_step label_latency decisions; do \
+	for name in sokoban_step live_step boxoban_levels label_latency decisions experiment crowd \
+		page_participants; do \
 		echo "== $$name" && $(bin)/python tests/benchmarks/$$name.py || exit 1; done
 
 # The locks name versions and hashes and no index, so that they install from any mirror.

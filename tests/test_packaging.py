@@ -14,6 +14,10 @@ import pytest
 import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+from typer.main import get_command
+
+from services.cli.main import app
+from services.topology import Role
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = {"sfid_core", "protocol", "services"}
@@ -181,23 +185,50 @@ def test_a_container_runs_without_privileges_on_a_root_it_cannot_write(name: str
     }
 
 
-def test_only_the_monitor_is_reachable_and_from_this_machine_only() -> None:
+def test_only_pages_are_reachable_and_from_this_machine_only() -> None:
     document = compose()
     published = {
         name: service["ports"] for name, service in document["services"].items() if "ports" in service
     }
     outside = {name for name, service in document["services"].items() if service["networks"] != ["bus"]}
-    assert list(published) == ["monitor"]
-    assert [port for port in published["monitor"] if not port.startswith("127.0.0.1:")] == []
+    assert list(published) == ["monitor", "gateway"]
+    ports = [port for name in published for port in published[name]]
+    assert [port for port in ports if not port.startswith("127.0.0.1:")] == []
     assert document["networks"]["bus"] == {"internal": True}
-    assert outside == {"monitor"}
+    assert outside == {"monitor", "gateway"}
 
 
 def test_only_the_learner_holds_the_journal() -> None:
     mounts = {
         name: service["volumes"] for name, service in compose()["services"].items() if "volumes" in service
     }
-    assert mounts == {"learner": ["journal:/data"], "monitor": ["recordings:/data"]}
+    assert mounts == {
+        "learner": ["journal:/data"],
+        "monitor": ["recordings:/data"],
+        "gateway": ["page:/data"],
+        "aggregator": ["crowd:/data"],
+    }
+
+
+def test_every_container_runs_a_command_that_there_is_with_options_that_it_has() -> None:
+    top: Any = get_command(app)
+    wrong = []
+    for name, service in compose()["services"].items():
+        command, words = top, list(service["command"])
+        while hasattr(command, "commands"):
+            command = command.commands[words.pop(0)]
+        known = {option for parameter in command.params for option in parameter.opts}
+        given = {word.partition("=")[0] for word in words if word.startswith("--")}
+        wrong += [(name, option) for option in sorted(given - known)]
+    assert wrong == []
+
+
+def test_every_service_of_the_topology_has_its_container() -> None:
+    """Those who talk on the bus by themselves; people, operators and studies come and go."""
+    verbs = {service["command"][0] for service in compose()["services"].values()}
+    running = {role.value for role in Role} - {Role.OPERATOR.value, Role.STUDY.value}
+    spelt = {Role.AGGREGATOR.value: "aggregate", Role.TEACHER.value: "teach"}
+    assert {spelt.get(role, role) for role in running} <= verbs
 
 
 def test_the_images_start_sfid_itself_as_an_unprivileged_user() -> None:
