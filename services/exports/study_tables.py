@@ -7,7 +7,7 @@ from services.exports.experiment_tables import MEASURES
 from services.exports.table import Column, Kind, Table, Values
 from sfid_core.experiments.summary import Measure
 from sfid_core.outcome import Outcome
-from sfid_core.study.definition import Study
+from sfid_core.study.definition import QuestionKind, Study
 from sfid_core.study.effort import SCALES, raw_score
 from sfid_core.study.findings import Findings
 from sfid_core.study.flow import steps_of
@@ -43,6 +43,7 @@ def study_tables(found: Findings) -> tuple[Table, ...]:
         _people(study, people),
         _lessons(study, people),
         _episodes(people),
+        *((_answers(study, people),) if study.questions else ()),
         _curves(found),
         _effort(found),
         _claims(found),
@@ -126,6 +127,18 @@ def _episodes(people: Sequence[Participant]) -> Table:
         for episode in lesson.episodes
     ]
     return _of_rows("episodes", "Each row is one episode of one lesson.", columns, rows)
+
+
+def _answers(study: Study, people: Sequence[Participant]) -> Table:
+    kinds = {QuestionKind.SCALE: Kind.NUMBER, QuestionKind.NUMBER: Kind.NUMBER}
+    columns = (
+        _PERSON,
+        *(Column(one.name, kinds.get(one.kind, Kind.TEXT), one.text) for one in study.questions),
+    )
+    rows = [(one.pseudonym, *one.answers.values()) for one in people if one.answers]
+    return _of_rows(
+        "answers", "Each row is one person who answered the study's own questions.", columns, rows
+    )
 
 
 def _curves(found: Findings) -> Table:

@@ -106,7 +106,7 @@ def _check_change(study: Study, before: Study | None, *, people_came: bool) -> N
         )
     if not people_came:
         return
-    for name in ("conditions", "design", "seed", "teaching", "practice", "effort", "recruiter"):
+    for name in ("conditions", "design", "seed", "teaching", "practice", "effort", "questions", "recruiter"):
         if getattr(study, name) != getattr(before, name):
             raise StudyError(
                 f"study {study.name}: {name} changed since people took part: put it back, or give the "

@@ -15,7 +15,16 @@ from sfid_core.learning.parameters import ParameterError
 from sfid_core.session.config import Window, WindowMode
 from sfid_core.sokoban.board import Level
 from sfid_core.sokoban.starts import Starts, WorldError
-from sfid_core.study.definition import Condition, Consent, Design, Lesson, Recruiter, Study
+from sfid_core.study.definition import (
+    Condition,
+    Consent,
+    Design,
+    Lesson,
+    Question,
+    QuestionKind,
+    Recruiter,
+    Study,
+)
 from sfid_core.study.errors import StudyError
 
 FindLevel = Callable[[str], tuple[str, Level]]
@@ -24,7 +33,7 @@ Episodes = Annotated[int, Meta(ge=1, le=10_000)]
 Paragraphs = Annotated[str, Meta(max_length=20_000)]
 StudyName = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,23}$")]
 ConditionName = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,47}$")]
-E = TypeVar("E", Design, Recruiter, WindowMode)
+E = TypeVar("E", Design, Recruiter, WindowMode, QuestionKind)
 
 
 class _Consent(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -38,6 +47,19 @@ class _Condition(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     teacher: Annotated[str, Meta(min_length=1, max_length=48)] = "people"
     instructions: Paragraphs = ""
     parameters: dict[str, float | str] = {}
+
+
+class _Question(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    name: ConditionName
+    kind: str
+    text: Annotated[str, Meta(min_length=1, max_length=500)]
+    required: bool = True
+    choices: Annotated[list[Annotated[str, Meta(min_length=1, max_length=120)]], Meta(max_length=30)] = []
+    low: float = 0.0
+    high: float = 100.0
+    step: float = 1.0
+    low_label: str = ""
+    high_label: str = ""
 
 
 class _Lesson(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -69,6 +91,7 @@ class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     recruiter: str = "none"
     completion_code: Annotated[str, Meta(pattern=r"^[A-Za-z0-9-]{0,32}$")] = ""
     data: str = "sfid-data/study"
+    questions: Annotated[list[_Question], Meta(max_length=40)] = []
     practice: _Lesson | None = None
     teaching: _Lesson = _Lesson()
     page: _Page = _Page()
@@ -124,8 +147,16 @@ def _study(file: _File, find_level: FindLevel) -> Study:
         design=_named(Design, file.design, "design"),
         seed=file.seed,
         effort=file.effort,
+        questions=tuple(_question(one) for one in file.questions),
         recruiter=_named(Recruiter, file.recruiter, "recruiter"),
         completion_code=file.completion_code,
+    )
+
+
+def _question(given: _Question) -> Question:
+    fields = msgspec.structs.asdict(given)
+    return Question(
+        **fields | {"kind": _named(QuestionKind, given.kind, "kind"), "choices": tuple(given.choices)}
     )
 
 
@@ -192,6 +223,14 @@ starts = "4"
 episodes = 10
 window = "until-answered"        # until-answered waits for people; early and full close after window_ms
 window_ms = 5000
+
+# [[questions]]                  # asked at the end, as many as you need
+# name = "age"
+# kind = "number"                # choice (with choices), scale, number or text
+# text = "How old are you?"
+# low = 18
+# high = 120
+# required = false
 
 [page]
 listen = "127.0.0.1:7480"        # HOST:PORT of the page

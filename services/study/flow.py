@@ -9,6 +9,7 @@ from services.study.book import Book, NotSaved
 from services.study.sessions import Sessions, session_config
 from services.study.words import (
     AGREE,
+    ANSWER,
     DECLINE,
     GO,
     GO_ON,
@@ -23,6 +24,7 @@ from sfid_core.study.definition import Recruiter
 from sfid_core.study.effort import SCALES
 from sfid_core.study.errors import NotNow
 from sfid_core.study.flow import (
+    Answered,
     Declined,
     Event,
     Progress,
@@ -117,6 +119,9 @@ class StudyFlow:
         if button == SEND:
             ratings = (values.get(scale.name) for scale in SCALES)
             return Rated(screen, tuple(int(one) for one in ratings if isinstance(one, int | float)))
+        if button == ANSWER:
+            # The page leaves a field of text empty where nothing was written.
+            return Answered(screen, {name: None if given == "" else given for name, given in values.items()})
         raise FlowRefusal("that button is not of this page: reload it")
 
     def _prepare(self, pseudonym: str) -> None:

@@ -110,4 +110,5 @@ def _participant(study: Study, pseudonym: str, course: Course, lessons: dict[int
         seconds=(course.last_ns - course.joined_ns) / NS_PER_S,
         lessons=lessons,
         ratings=dict(progress.ratings),
+        answers=dict(progress.answers),
     )

@@ -11,6 +11,7 @@ from services.runtime.journal import Row
 from sfid_core.study.definition import Study
 from sfid_core.study.errors import NotNow, StudyError
 from sfid_core.study.flow import (
+    Answered,
     Consented,
     Declined,
     Event,
@@ -37,6 +38,7 @@ class Kind(Enum):
     READ = "read"
     TAUGHT = "taught"
     RATED = "rated"
+    ANSWERED = "answered"
     STOP_ASKED = "stop-asked"
     STOP_TAKEN_BACK = "stop-taken-back"
     WITHDREW = "withdrew"
@@ -49,6 +51,7 @@ _EVENTS: dict[Kind, type[Any]] = {
     Kind.READ: Read,
     Kind.TAUGHT: Taught,
     Kind.RATED: Rated,
+    Kind.ANSWERED: Answered,
     Kind.STOP_ASKED: StopAsked,
     Kind.STOP_TAKEN_BACK: StopTakenBack,
     Kind.WITHDREW: Withdrew,
@@ -128,7 +131,7 @@ def take(study: Study, found: dict[str, Course], pseudonym: str, event: Event, a
 def step_ended(event: Event) -> str:
     """Return the name of the step that an event ends."""
     match event:
-        case Read(step) | Taught(step) | Rated(step):
+        case Read(step) | Taught(step) | Rated(step) | Answered(step):
             return step
         case _:
             return "consent"

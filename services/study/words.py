@@ -2,13 +2,13 @@
 
 from services.screens import Button, Field, FieldKind, Screen
 from sfid_core.learning.methods import METHODS
-from sfid_core.study.definition import Recruiter, Study
+from sfid_core.study.definition import TEXT_LENGTH_MAX, Recruiter, Study
 from sfid_core.study.effort import HIGH, LOW, SCALES, STEP
 from sfid_core.study.flow import Progress, Standing, Step, StepKind, present_step
 
 STOP = "stop"
 """The screen that asks what stopping is to mean, and the button that leads there."""
-AGREE, DECLINE, GO, SEND = "agree", "decline", "go", "send"
+AGREE, DECLINE, GO, SEND, ANSWER = "agree", "decline", "go", "send", "answer"
 GO_ON, STOP_KEEP, STOP_DELETE = "go-on", "stop-keep", "stop-delete"
 LABELS = """\
 The agent asks you which way you would go, and then decides by itself. When it goes the way you said, it
@@ -67,6 +67,8 @@ def _step(study: Study, progress: Progress, pseudonym: str) -> Screen:
             return Screen(step.name, step_title(study, step), session=session, buttons=(_STOP_BUTTON,))
         case StepKind.RATE:
             return _effort(study, step)
+        case StepKind.ASK:
+            return _questions(study, step)
         case StepKind.DONE:
             return _done(study, progress)
 
@@ -131,6 +133,26 @@ def _effort(study: Study, step: Step) -> Screen:
     )
     told = f"Six questions about {what}. Move each slider to where it is right for you."
     return Screen(step.name, "How much effort was it?", (told,), fields, (Button(SEND, "Send"), _STOP_BUTTON))
+
+
+def _questions(study: Study, step: Step) -> Screen:
+    fields = tuple(
+        Field(
+            one.name,
+            FieldKind(one.kind.value),
+            one.text,
+            one.required,
+            choices=one.choices,
+            low=one.low,
+            high=one.high,
+            step=one.step,
+            low_label=one.low_label,
+            high_label=one.high_label,
+            length_max=TEXT_LENGTH_MAX,
+        )
+        for one in study.questions
+    )
+    return Screen(step.name, "A few last questions", (), fields, (Button(ANSWER, "Send"), _STOP_BUTTON))
 
 
 def _stop() -> Screen:

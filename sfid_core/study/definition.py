@@ -81,6 +81,56 @@ class Lesson:
     window: Window
 
 
+class QuestionKind(Enum):
+    """How a question is answered."""
+
+    CHOICE = "choice"
+    """One of `choices`."""
+    SCALE = "scale"
+    """A slider from `low` to `high`."""
+    NUMBER = "number"
+    """A number from `low` to `high`."""
+    TEXT = "text"
+    """Free text of at most 1,000 characters."""
+
+
+Given = float | str | None
+"""An answer to a question; None where it was left out."""
+TEXT_LENGTH_MAX = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """A question of the study's own, asked at the end. Raises: StudyError where it makes no sense."""
+
+    name: str
+    kind: QuestionKind
+    text: str
+    required: bool = True
+    choices: tuple[str, ...] = ()
+    low: float = 0.0
+    high: float = 100.0
+    step: float = 1.0
+    low_label: str = ""
+    high_label: str = ""
+
+    def __post_init__(self) -> None:
+        if (self.kind is QuestionKind.CHOICE) is not bool(self.choices):
+            raise StudyError(f"question {self.name}: a choice has choices, and nothing else has")
+        if not (self.low < self.high and self.step > 0):
+            raise StudyError(f"question {self.name}: give low < high, and a step above 0")
+
+    def takes(self, given: Given) -> bool:
+        """Whether this is an answer to the question."""
+        if given is None:
+            return not self.required
+        if self.kind is QuestionKind.CHOICE:
+            return given in self.choices
+        if self.kind is QuestionKind.TEXT:
+            return isinstance(given, str) and len(given) <= TEXT_LENGTH_MAX
+        return not isinstance(given, str) and self.low <= given <= self.high
+
+
 @dataclass(frozen=True, slots=True)
 class Study:
     """A study. Raises: StudyError where it makes no sense."""
@@ -97,6 +147,8 @@ class Study:
     """Of the assignment and of the worlds."""
     effort: bool = True
     """Whether people are asked for their effort after each lesson (NASA-TLX)."""
+    questions: tuple[Question, ...] = ()
+    """Asked of everybody at the end."""
     recruiter: Recruiter = Recruiter.NONE
     completion_code: str = ""
     """The same for everybody; empty: each person gets one of their own."""
@@ -109,6 +161,9 @@ class Study:
         names = [condition.name for condition in self.conditions]
         if len(set(names)) < len(names):
             raise StudyError(f"conditions {', '.join(names)}: give each a name of its own")
+        asked = [question.name for question in self.questions]
+        if len(set(asked)) < len(asked) or "participant" in asked:
+            raise StudyError(f"questions {', '.join(asked)}: give each a name of its own, none participant")
         if not 1 <= len(self.name) <= NAME_LENGTH_MAX:
             raise StudyError(f"study name {self.name!r}: give 1 to {NAME_LENGTH_MAX} characters")
 

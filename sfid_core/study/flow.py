@@ -10,7 +10,7 @@ from enum import Enum
 from functools import cache
 
 from sfid_core.study.assignment import Order, order_of
-from sfid_core.study.definition import Study
+from sfid_core.study.definition import Given, Study
 from sfid_core.study.effort import checked_ratings
 from sfid_core.study.errors import NotNow
 
@@ -22,6 +22,7 @@ class StepKind(Enum):
     READ = "read"
     TEACH = "teach"
     RATE = "rate"
+    ASK = "ask"
     DONE = "done"
 
 
@@ -100,6 +101,14 @@ class Rated:
 
 
 @dataclass(frozen=True, slots=True)
+class Answered:
+    """They answered the study's own questions, by name."""
+
+    step: str
+    answers: dict[str, Given]
+
+
+@dataclass(frozen=True, slots=True)
 class StopAsked:
     """They asked to stop, and are asked what is to become of their answers."""
 
@@ -116,7 +125,9 @@ class Withdrew:
     erase: bool
 
 
-Event = Joined | Consented | Declined | Read | Taught | Rated | StopAsked | StopTakenBack | Withdrew
+Event = (
+    Joined | Consented | Declined | Read | Taught | Rated | Answered | StopAsked | StopTakenBack | Withdrew
+)
 
 
 # ---------------------------------------------------------------- state
@@ -139,10 +150,12 @@ class Progress:
     """Version and SHA-256 of the text that they agreed to."""
     ratings: dict[int, tuple[int, ...]] = field(default_factory=dict)
     """By period."""
+    answers: dict[str, Given] = field(default_factory=dict)
+    """To the study's own questions, by name."""
 
 
 @cache
-def _steps(*, practice: bool, effort: bool, periods: int) -> tuple[Step, ...]:
+def _steps(*, practice: bool, effort: bool, questions: bool, periods: int) -> tuple[Step, ...]:
     steps = [Step("consent", StepKind.CONSENT)]
     if practice:
         steps += [Step("practice-intro", StepKind.READ), Step("practice", StepKind.TEACH)]
@@ -153,12 +166,19 @@ def _steps(*, practice: bool, effort: bool, periods: int) -> tuple[Step, ...]:
         ]
         if effort:
             steps.append(Step(f"effort-{period}", StepKind.RATE, period))
+    if questions:
+        steps.append(Step("questions", StepKind.ASK, periods))
     return (*steps, Step("done", StepKind.DONE, periods))
 
 
 def steps_of(study: Study) -> tuple[Step, ...]:
     """Return the steps of a study, consent first, done last."""
-    return _steps(practice=study.practice is not None, effort=study.effort, periods=study.periods)
+    return _steps(
+        practice=study.practice is not None,
+        effort=study.effort,
+        questions=bool(study.questions),
+        periods=study.periods,
+    )
 
 
 def present_step(study: Study, progress: Progress) -> Step:
@@ -189,7 +209,7 @@ def advance(study: Study, progress: Progress, event: Event) -> Progress:
             return _went_on(study, progress, event)
 
 
-def _went_on(study: Study, progress: Progress, event: Read | Taught | Rated) -> Progress:
+def _went_on(study: Study, progress: Progress, event: Read | Taught | Rated | Answered) -> Progress:
     match event:
         case Read(step):
             return _next(study, progress, _expect(study, progress, StepKind.READ, step))
@@ -200,6 +220,20 @@ def _went_on(study: Study, progress: Progress, event: Read | Taught | Rated) -> 
             rated = _expect(study, progress, StepKind.RATE, step)
             found = progress.ratings | {rated.period: checked_ratings(ratings)}
             return _next(study, replace(progress, ratings=found), rated)
+        case Answered(step, answers):
+            asked = _expect(study, progress, StepKind.ASK, step)
+            return _next(study, replace(progress, answers=_checked(study, answers)), asked)
+
+
+def _checked(study: Study, answers: dict[str, Given]) -> dict[str, Given]:
+    """Return the answers to all questions, in their order."""
+    names = [question.name for question in study.questions]
+    if answers.keys() - set(names):
+        raise NotNow(f"answers to {', '.join(sorted(answers.keys() - set(names)))}: nobody asked that")
+    for question in study.questions:
+        if not question.takes(answers.get(question.name)):
+            raise NotNow(f"question {question.name} has no answer that fits")
+    return {name: answers.get(name) for name in names}
 
 
 def fold(study: Study, events: Iterable[Event]) -> Progress:
@@ -217,7 +251,8 @@ def _withdrawn(progress: Progress, *, erase: bool) -> Progress:
     if not erase and progress.standing is not Standing.TAKING_PART:
         raise NotNow(f"it is over for you here: {progress.standing.value}")
     standing = Standing.ERASED if erase else Standing.WITHDRAWN
-    return replace(progress, standing=standing, stopping=False, ratings={} if erase else progress.ratings)
+    kept = replace(progress, standing=standing, stopping=False)
+    return replace(kept, ratings={}, answers={}) if erase else kept
 
 
 def _consented(study: Study, progress: Progress, event: Consented) -> Progress:

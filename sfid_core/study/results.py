@@ -1,7 +1,7 @@
 """What a study's people did, and what it comes to: arms for the figure, differences with intervals."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from sfid_core.experiments.intervals import Floats
 from sfid_core.experiments.summary import Arm, Measure
 from sfid_core.outcome import Outcome
 from sfid_core.session.measures import EpisodeMeasures
-from sfid_core.study.definition import Study
+from sfid_core.study.definition import Given, Study
 from sfid_core.study.flow import Standing
 
 
@@ -43,6 +43,8 @@ class Participant:
     lessons: Mapping[int, Taught]
     """By period, from 1."""
     ratings: Mapping[int, tuple[int, ...]]
+    answers: Mapping[str, Given] = field(default_factory=dict)
+    """To the study's own questions, by name."""
 
     def period_of(self, condition: str) -> int | None:
         """Return the period in which this person met a condition, None when they do not."""

@@ -3,10 +3,15 @@
 from typing import Any
 
 from sfid_core.session.config import Window, WindowMode
-from sfid_core.study.definition import Condition, Consent, Design, Lesson, Study
+from sfid_core.study.definition import Condition, Consent, Design, Lesson, Question, QuestionKind, Study
 
 LESSON = Lesson("#####\n#@$.#\n#####", "push", "1", 2, Window(WindowMode.UNTIL_ANSWERED))
 CONSENT = Consent("1", "You teach an agent for ten minutes.")
+QUESTIONS = (
+    Question("hand", QuestionKind.CHOICE, "Which hand?", choices=("left", "right")),
+    Question("age", QuestionKind.NUMBER, "How old?", required=False, low=18, high=120),
+    Question("more", QuestionKind.TEXT, "Anything else?", required=False),
+)
 LABELS = Condition("labels", "sfid")
 REWARDS = Condition("rewards", "reward")
 

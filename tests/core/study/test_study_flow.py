@@ -1,13 +1,15 @@
 """The way through a study: every step in order, no step twice, none skipped, and out at any time."""
 
 import itertools
+from dataclasses import replace
 
 import pytest
 
 from sfid_core.study.assignment import order_of
-from sfid_core.study.definition import Study
-from sfid_core.study.errors import NotNow
+from sfid_core.study.definition import Given, QuestionKind, Study
+from sfid_core.study.errors import NotNow, StudyError
 from sfid_core.study.flow import (
+    Answered,
     Consented,
     Declined,
     Event,
@@ -26,14 +28,16 @@ from sfid_core.study.flow import (
     present_step,
     steps_of,
 )
-from tests.core.study.studies import CONSENT, study, within
+from tests.core.study.studies import CONSENT, QUESTIONS, study, within
 
+ANSWERS: dict[str, Given] = {"hand": "left", "age": 44.0, "more": None}
 RATINGS: tuple[int, ...] = (60, 5, 40, 20, 55, 0)
 STUDIES = {
     "between": study(),
     "within": within(),
     "no practice": study(practice=None),
     "no effort": study(effort=False),
+    "questions": study(questions=QUESTIONS),
     "bare": within(3, practice=None, effort=False),
 }
 
@@ -47,10 +51,14 @@ def whole_way(of: Study) -> list[Event]:
     """Return what ends each step, from consent to done."""
     ends: dict[StepKind, type[Read | Taught]] = {StepKind.READ: Read, StepKind.TEACH: Taught}
     events: list[Event] = [Joined("c0de"), consented(of)]
-    events.extend(
-        Rated(step.name, RATINGS) if step.kind is StepKind.RATE else ends[step.kind](step.name)
-        for step in steps_of(of)[1:-1]
-    )
+    for step in steps_of(of)[1:-1]:
+        match step.kind:
+            case StepKind.RATE:
+                events.append(Rated(step.name, RATINGS))
+            case StepKind.ASK:
+                events.append(Answered(step.name, ANSWERS))
+            case _:
+                events.append(ends[step.kind](step.name))
     return events
 
 
@@ -79,6 +87,7 @@ def test_each_step_ends_with_its_own_event_and_the_last_completes(of: Study) -> 
     assert progress == Progress(
         at=len(steps_of(of)) - 1, standing=Standing.COMPLETED, code="c0de", number=0,
         order=order_of(of, 0), consent=(CONSENT.version, CONSENT.sha256), ratings=ratings,
+        answers=ANSWERS if of.questions else {},
     )  # fmt: skip
 
 
@@ -128,7 +137,9 @@ def test_one_can_withdraw_at_every_step_and_nothing_follows(of: Study, *, erase:
         assert progress.standing is (Standing.ERASED if erase else Standing.WITHDRAWN)
         assert progress.standing.is_kept is not erase
         assert (progress.at, progress.number, progress.stopping) == (before.at, before.number, False)
-        assert progress.ratings == ({} if erase else before.ratings)
+        assert (progress.ratings, progress.answers) == (
+            ({}, {}) if erase else (before.ratings, before.answers)
+        )
         for event in (*events[1:], StopAsked(), StopTakenBack(), Declined(), Withdrew(erase=False)):
             with pytest.raises(NotNow):
                 advance(of, progress, event)
@@ -184,3 +195,37 @@ def test_ratings_that_are_not_on_the_scales_are_refused(ratings: tuple[int, ...]
     progress = fold(of, whole_way(of)[:4])
     with pytest.raises(NotNow, match=r"scale|ratings"):
         advance(of, progress, Rated("effort-1", ratings))
+
+
+@pytest.mark.parametrize(
+    "answers",
+    [
+        {},
+        {"hand": "both"},
+        {"hand": "left", "age": 17.0},
+        {"hand": "left", "age": "44"},
+        {"hand": "left", "more": "x" * 1001},
+        {"hand": "left", "other": 1.0},
+    ],
+)
+def test_answers_that_do_not_fit_their_questions_are_refused(answers: dict[str, Given]) -> None:
+    of = study(questions=QUESTIONS)
+    progress = fold(of, whole_way(of)[:-1])
+    with pytest.raises(NotNow, match=r"no answer that fits|nobody asked"):
+        advance(of, progress, Answered("questions", answers))
+
+
+def test_what_was_left_out_is_none_in_the_order_of_the_questions() -> None:
+    of = study(questions=QUESTIONS)
+    progress = advance(
+        of, fold(of, whole_way(of)[:-1]), Answered("questions", {"more": "fine", "hand": "left"})
+    )
+    assert list(progress.answers.items()) == [("hand", "left"), ("age", None), ("more", "fine")]
+    with pytest.raises(StudyError, match="a choice has choices, and nothing else has"):
+        replace(QUESTIONS[0], choices=())
+    with pytest.raises(StudyError, match="low < high"):
+        replace(QUESTIONS[1], low=200.0)
+    with pytest.raises(StudyError, match="each a name of its own"):
+        study(questions=QUESTIONS[:1] * 2)
+    assert not QUESTIONS[1].takes("44")
+    assert QUESTIONS[2].kind is QuestionKind.TEXT

@@ -44,6 +44,7 @@ episodes = 1
 level = "classroom:0"
 starts = "1"
 episodes = {episodes}
+{extra}
 """
 
 
@@ -51,6 +52,7 @@ def study_file(folder: Path, **changes: Any) -> Path:  # noqa: ANN401 - any key 
     """Write a small study and return its file."""
     fields: dict[str, Any] = {
         "name": "maze", "design": "between", "recruiter": "none", "code": "", "episodes": 3, "seed": 1,
+        "extra": "",
     }  # fmt: skip
     path = folder / "maze.toml"
     path.write_text(STUDY.format(**(fields | changes)))

@@ -15,6 +15,18 @@ from tests.services.study.participants import Participant, Running, running, stu
 pytestmark = pytest.mark.real
 PEOPLE = 8
 ERASED = 7
+QUESTIONS = """
+[[questions]]
+name = "hand"
+kind = "choice"
+text = "Which hand do you write with?"
+choices = ["left", "right"]
+[[questions]]
+name = "more"
+kind = "text"
+text = "Anything else?"
+required = false
+"""
 LABELS_RATED, REWARDS_RATED = (30, 5, 20, 10, 25, 0), (60, 10, 40, 30, 55, 45)
 
 
@@ -25,13 +37,14 @@ def whole_way(person: Participant) -> None:
     person.press("go")
     assert person.teach() == "effort-1"
     person.rate(*(LABELS_RATED if person.asked == {"label"} else REWARDS_RATED))
+    assert person.press("answer", hand="left", more="") == "done"
 
 
 @pytest.fixture(scope="module")
 def taught(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     """A study that eight people have gone through, the last of whom had their answers deleted."""
     folder = tmp_path_factory.mktemp("report")
-    with running(study_file(folder), folder / "data") as started:
+    with running(study_file(folder, extra=QUESTIONS), folder / "data") as started:
         people = [started.participant(number) for number in range(PEOPLE)]
         with ThreadPoolExecutor(PEOPLE) as pool:
             list(pool.map(whole_way, people))
@@ -75,7 +88,7 @@ def test_the_report_has_the_figure_the_effort_the_tables_and_claims_nothing_of_e
     assert effort["means"] == pytest.approx([15.0, 40.0])
     assert {Path(name).name for name in found["files"]} == {
         *(f"{name}.{ending}" for ending in ("csv", "parquet")
-          for name in ("participants", "lessons", "episodes", "curves", "effort", "claims")),
+          for name in ("participants", "lessons", "episodes", "curves", "effort", "claims", "answers")),
         "codebook.md", "codebook.json", "figure2.png", "figure2.svg", "effort.png", "effort.svg",
         "report.html",
     }  # fmt: skip
@@ -88,6 +101,8 @@ def test_the_report_has_the_figure_the_effort_the_tables_and_claims_nothing_of_e
     assert "Too few people for claims" in page
     assert "<script" not in page
     assert not any(status["to_erase"][0] in path.read_text() for path in tmp_path.glob("*.csv"))
+    given = [(row["hand"], row["more"]) for row in rows(tmp_path / "answers.csv")]
+    assert given == [("left", "")] * (PEOPLE - 1)
     ratings = {row["condition"]: row["effort_raw"] for row in rows(tmp_path / "lessons.csv")}
     assert ratings == {"labels": "15.0", "rewards": "40.0"}
 

@@ -135,7 +135,7 @@ def test_within_people_each_lesson_asks_as_its_condition_says(
             ann.agree()
             ann.press("go")
             ann.teach()
-            asked = []
+            asked: list[str] = []
             for lesson in (1, 2):
                 assert ann.screen["name"] == f"intro-{lesson}"
                 ann.asked.clear()
