@@ -3,9 +3,12 @@
 Whoever missed a session, or part of it, learns from this what everybody else heard.
 """
 
+from collections.abc import Iterable, Iterator
+
 from protocol.codec import DecodeError, DecodeFault, decode, printable
-from protocol.journal import Kind, Record, events_of
-from protocol.messages import CreateSession, Decision, Episode, Step
+from protocol.crowd_journal import ClosedRow, CrowdKind, FoldedCrowd, apply_row, fold_crowd, read_body
+from protocol.journal import Kind, Record, events_of, read_answer_body
+from protocol.messages import Answer, CreateSession, Crowd, Decision, Episode, Step, WorkerReliability
 from protocol.translate import (
     UnknownAction,
     action_names,
@@ -14,14 +17,18 @@ from protocol.translate import (
     episode_message,
     step_message,
 )
+from sfid_core.crowd.tally import Reliability
 from sfid_core.session.effects import Announce, Effect, EpisodeDone, StepDone
 from sfid_core.session.events import Restarted
 from sfid_core.session.machine import advance
 from sfid_core.session.state import Session, new_session
+from sfid_core.teaching.answers import AnswerKind
 
 Told = tuple[int, Decision | Step | Episode]
 """When the learner said it, ns since 1970, and the message."""
 
+WORKERS_MAX = 256
+"""Workers in one report, who answered last first."""
 _UNTOLD = {Kind.DIGEST.value, Kind.CONFLICT.value}
 
 
@@ -71,3 +78,63 @@ class Retelling:
             elif isinstance(effect, EpisodeDone):
                 told.append((at_ns, episode_message(effect.measures, session, at_ns)))
         return told
+
+
+def retold_crowd(records: Iterable[Record], session: str) -> Iterator[Crowd]:
+    """Yield what an aggregator knew of its workers after each round that it learnt from.
+
+    A live aggregator publishes the latest of these once a second at most.
+    Raises: DecodeError when a row cannot be read.
+    """
+    folded: FoldedCrowd | None = None
+    numbers: dict[str, int] = {}
+    answered: dict[str, None] = {}
+    for record in records:
+        if folded is None:
+            folded = fold_crowd([record])
+            if folded is not None:
+                numbers = {name: index for index, name in enumerate(folded.config.actions)}
+            continue
+        before = folded.crowd.conclusions
+        if record.kind == CrowdKind.ANSWER.value:
+            worker = decode(read_answer_body(record.body)[2], Answer).teacher
+            answered.pop(worker, None)
+            answered[worker] = None
+        apply_row(folded, record, numbers)
+        if folded.crowd.conclusions > before:
+            yield _crowd(folded, record, session, tuple(reversed(answered)))
+
+
+def _crowd(folded: FoldedCrowd, closing: Record, session: str, workers: tuple[str, ...]) -> Crowd:
+    row = read_body(closing.kind, closing.body, ClosedRow)
+    handed = decode(row.handed, Answer) if row.handed else None
+    asked = folded.asked
+    told: list[tuple[str, Reliability]] = []
+    if asked is not None:
+        known = folded.crowd.aggregate(AnswerKind(asked.asked))
+        told = [(name, known.reliability(name)) for name in workers[:WORKERS_MAX]]
+    return Crowd(
+        session=session,
+        aggregator=folded.config.aggregator,
+        epoch=0 if asked is None else asked.epoch,
+        decision=row.decision,
+        at_ns=closing.at_ns,
+        cause=row.cause,  # type: ignore[arg-type]
+        members=len(folded.crowd.members),
+        answered=row.answered,
+        action=None if handed is None else handed.action,
+        posterior=None if handed is None else handed.posterior,
+        conclusions=folded.crowd.conclusions,
+        too_late=0,
+        workers=tuple(
+            WorkerReliability(
+                worker=name,
+                mean=each.mean,
+                standard_error=each.standard_error,
+                labels=each.labels,
+                standing=each.standing.value,
+                present=name in folded.crowd.members,
+            )
+            for name, each in told
+        ),
+    )

@@ -15,6 +15,7 @@ from services.cli import (
     crowd,
     demo,
     experiment,
+    export,
     gateway,
     journal,
     levels,
@@ -62,6 +63,7 @@ for group in (
     catalogue,
     crowd,
     experiment,
+    export,
     simulate,
     study,
 ):

@@ -3,20 +3,21 @@
 import rerun as rr
 import rerun.blueprint as rrb
 
-from services.monitor import curves, policy, scene
+from services.monitor import curves, doubt_pictures, overview, policy, scene
+from services.monitor.status import NOW
 
 BACKGROUND = (11, 13, 18)
 LANES_SHOWN = 100
-"""Decisions that the lanes of labels show."""
+"""Steps that the lanes of labels show."""
 
 
 def blueprint() -> rrb.Blueprint:
-    """Return the layout: a tab to watch, and one with the episodes as a table."""
+    """Return the layout: to watch, what teachers said, all sessions, and the episodes as a table."""
     return rrb.Blueprint(
-        rrb.Tabs(_live(), _table(), active_tab=0),
+        rrb.Tabs(_live(), _teachers(), _sessions(), _table(), active_tab=0),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline="decision", play_state="following"),
+        rrb.TimePanel(state="collapsed", timeline="step", play_state="following"),
         auto_layout=False,
         auto_views=False,
     )
@@ -24,37 +25,57 @@ def blueprint() -> rrb.Blueprint:
 
 def _live() -> rrb.Vertical:
     pictures = rrb.Vertical(
-        _picture(scene.ENTITY, "World: agent's move white (red: bumped), teachers' in colour"),
-        _picture(policy.ENTITY, "What the agent would do: best action and value, boxes as they stand"),
+        _picture(scene.ENTITY, "World · white: the agent's move (red: blocked) · coloured: teachers"),
+        _picture(policy.ENTITY, "What the agent would do · arrow: best move · bright: high value"),
     )
     plots = rrb.Grid(
         _plot(curves.STEPS, "Steps per episode"),
         _plot(curves.RETURN, "Discounted return per episode", rrb.Corner2D.RightBottom),
         _plot(curves.TD_ERROR, "Mean absolute TD error per episode"),
         _plot(curves.INPUTS, "Teacher inputs per episode"),
+        _plot(
+            curves.AGREEMENT,
+            "Share of labels that agree with the agent",
+            rrb.Corner2D.RightBottom,
+            (0.0, 1.05),
+        ),
+        _plot("reliability", "How reliable each teacher is (± 1 σ)", rrb.Corner2D.RightBottom, (0.0, 1.05)),
         grid_columns=2,
     )
+    texts = rrb.Horizontal(
+        rrb.TextDocumentView(origin=f"/{NOW}", name="Now"), _events(), _lanes(), column_shares=[3, 5, 6]
+    )
+    return rrb.Vertical(
+        rrb.Horizontal(pictures, plots, column_shares=[5, 8]), texts, row_shares=[4.6, 1.4], name="Live"
+    )
+
+
+def _teachers() -> rrb.Horizontal:
+    left = rrb.Vertical(
+        _picture(doubt_pictures.CONFLICTS, "Where teachers disagree · dark: never · bright: always"),
+        _plot("reliability", "How reliable each teacher is (± 1 σ)", rrb.Corner2D.RightBottom, (0.0, 1.05)),
+    )
     right = rrb.Vertical(
-        plots,
+        _picture(doubt_pictures.STATES, "States likely to carry an instruction bug · who named which move"),
         rrb.Horizontal(
-            _plot(
-                curves.AGREEMENT,
-                "Share of labels that agree with the agent",
-                rrb.Corner2D.RightBottom,
-                (0.0, 1.05),
-            ),
-            _lanes(),
+            rrb.TextDocumentView(origin=f"/{doubt_pictures.LIST}", name="Why these states"), _lanes()
         ),
         row_shares=[2, 1],
     )
-    events = rrb.TextLogView(
+    return rrb.Horizontal(left, right, column_shares=[4, 7], name="Teachers")
+
+
+def _sessions() -> rrb.Vertical:
+    return rrb.Vertical(
+        _picture(overview.ENTITY, "All sessions · red: somebody should look after it"), name="All sessions"
+    )
+
+
+def _events() -> rrb.TextLogView:
+    return rrb.TextLogView(
         origin="/events",
         name="Events",
-        columns=rrb.TextLogColumns(timeline_columns=["decision"], text_log_columns=["loglevel", "body"]),
-    )
-    texts = rrb.Horizontal(rrb.TextDocumentView(origin="/now", name="Now"), events, column_shares=[3, 8])
-    return rrb.Vertical(
-        rrb.Horizontal(pictures, right, column_shares=[5, 8]), texts, row_shares=[5, 1.3], name="Live"
+        columns=rrb.TextLogColumns(timeline_columns=["step"], text_log_columns=["body"]),
     )
 
 
@@ -82,7 +103,7 @@ def _lanes() -> rrb.StateTimelineView:
         end=rr.TimeRangeBoundary.cursor_relative(seq=2),
     )
     axis = rrb.archetypes.TimeAxis(link="Independent", view_range=shown)
-    name = "What each teacher said: blue ←, amber →, pink ↑, green ↓"
+    name = "What each teacher said · blue ← amber → pink ↑ green ↓"
     return rrb.StateTimelineView(origin="/teachers", name=name, time_view=axis)
 
 

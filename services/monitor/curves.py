@@ -1,27 +1,21 @@
 """Episode curves, label agreement, lanes and events: collected row by row, handed out in batches."""
 
 from collections import deque
-from typing import TypeVar
 
 import numpy as np
 
 from protocol.messages import Episode, Step
 from services.monitor.rows import Curves, Events, Lane, Moment
-
-T = TypeVar("T")
+from services.monitor.sampling import AGREEMENT_MS, LABELS_MS, Pace
 
 AGREEMENT_LABELS = 50
 """Labels that the rolling agreement looks back on."""
-AGREEMENT_POINTS_MAX = 20
-"""Points of the rolling agreement in one batch: the last of each of 20 equal stretches."""
 STEPS_AVERAGED = 10
 """Episodes that the smooth line of steps is the mean of."""
 LANES_MAX = 8
 """Teachers with a lane of their own: each lane is a message a batch, and a screen shows no more."""
-LANE_LABELS_MAX = 40
-"""Labels of a lane in one batch, the newest; people give fewer, scripts give thousands."""
-EVENTS_MAX = 12
-"""Lines of the event log in one batch; the rest is told as a number."""
+EVENTS_MAX = 1_000
+"""Lines of the event log in one batch; more than that is told as a number."""
 WAITING_MAX = 2_000
 """Episodes held back while earlier ones are being asked for."""
 
@@ -36,14 +30,6 @@ SERIES: dict[str, tuple[str, ...]] = {
     AGREEMENT: (f"of the last {AGREEMENT_LABELS} labels",),
 }
 """Every curve, by entity, in the order of its values."""
-
-
-def decimate(rows: list[T], rows_max: int) -> list[T]:
-    """Return at most `rows_max` rows: the last of each of as many equal stretches."""
-    if len(rows) <= rows_max:
-        return rows
-    ends = [len(rows) * (number + 1) // rows_max - 1 for number in range(rows_max)]
-    return [rows[end] for end in ends]
 
 
 class EpisodeSequence:
@@ -95,7 +81,7 @@ class EpisodeCurves:
         self._moments: list[Moment] = []
         self._values: dict[str, list[tuple[float, ...]]] = {STEPS: [], TD_ERROR: [], RETURN: [], INPUTS: []}
 
-    def add(self, episode: Episode, wall_ns: int) -> None:
+    def add(self, episode: Episode, wall_ns: int | None) -> None:
         """Add a row; episodes come in order."""
         self._recent.append(episode.steps)
         self._moments.append(Moment(episode.decision, wall_ns, episode.episode))
@@ -120,59 +106,74 @@ class EpisodeCurves:
 class Agreement:
     """How often the agent's action was the one a teacher named, over the last labels of single teachers."""
 
-    __slots__ = ("_agreed", "_rows")
+    __slots__ = ("_agreed", "_pace", "_rows")
 
     def __init__(self) -> None:
         self._agreed: deque[bool] = deque(maxlen=AGREEMENT_LABELS)
+        self._pace = Pace(AGREEMENT_MS)
         self._rows: list[tuple[Moment, float]] = []
 
     def add(self, step: Step, moment: Moment) -> None:
         """Count the labels of a step; a step without labels adds no point."""
         agreed = [said.action == step.action for said in step.said if said.kind == "label"]
-        if agreed:
-            self._agreed.extend(agreed)
-            self._rows.append((moment, sum(self._agreed) / len(self._agreed)))
-            if len(self._rows) > AGREEMENT_POINTS_MAX * 64:
-                self._rows = decimate(self._rows, AGREEMENT_POINTS_MAX)
+        if not agreed:
+            return
+        self._agreed.extend(agreed)
+        if self._pace.due(step.at_ns):
+            self._rows.append((moment, self.share()))
+
+    def share(self) -> float:
+        """Return the rolling share; NaN before the first label."""
+        return sum(self._agreed) / len(self._agreed) if self._agreed else float("nan")
 
     def take(self) -> list[Curves]:
-        """Return the points since the last call, thinned out."""
-        rows, self._rows = decimate(self._rows, AGREEMENT_POINTS_MAX), []
+        """Return the points since the last call."""
+        rows, self._rows = self._rows, []
         if not rows:
             return []
-        return [
-            Curves(AGREEMENT, tuple(moment for moment, _ in rows), np.array([[value] for _, value in rows]))
-        ]
+        values = np.array([[value] for _, value in rows])
+        return [Curves(AGREEMENT, tuple(moment for moment, _ in rows), values)]
 
 
 class Lanes:
-    """What each teacher said, decision by decision."""
+    """What each teacher said, step by step; a label lasts until the step after it."""
 
-    __slots__ = ("_lanes",)
+    __slots__ = ("_open", "_paces", "_rows")
 
     def __init__(self) -> None:
-        self._lanes: dict[str, deque[tuple[Moment, str]]] = {}
+        self._paces: dict[str, Pace] = {}
+        self._open: set[str] = set()
+        self._rows: dict[str, list[tuple[Moment, str]]] = {}
 
     def add(self, step: Step, moment: Moment) -> None:
         """Add the labels of a step; teachers beyond the number of lanes are left out."""
-        for said in step.said:
-            if said.action is None or (said.teacher not in self._lanes and len(self._lanes) >= LANES_MAX):
-                continue
-            lane = self._lanes.setdefault(said.teacher, deque(maxlen=LANE_LABELS_MAX))
-            lane.append((moment, said.action))
+        if not step.said and not self._open:
+            return
+        said = {each.teacher: each.action for each in step.said if each.action is not None}
+        for teacher in (*said, *(teacher for teacher in sorted(self._open) if teacher not in said)):
+            if teacher not in self._paces:
+                if len(self._paces) >= LANES_MAX:
+                    continue
+                self._paces[teacher] = Pace(LABELS_MS)
+            self._add(teacher, said.get(teacher), step.at_ns, moment)
+
+    def _add(self, teacher: str, action: str | None, at_ns: int, moment: Moment) -> None:
+        if action is not None and self._paces[teacher].due(at_ns):
+            self._open.add(teacher)
+        elif teacher in self._open:
+            self._open.discard(teacher)
+            action = None
+        else:
+            return
+        self._rows.setdefault(teacher, []).append((moment, action or ""))
 
     def take(self) -> list[Lane]:
-        """Return the lanes with anything new; a label lasts one decision."""
-        return [self._lane(teacher, lane) for teacher, lane in self._lanes.items() if lane]
-
-    def _lane(self, teacher: str, lane: deque[tuple[Moment, str]]) -> Lane:
-        said = {moment.decision: (moment, state) for moment, state in lane}
-        lane.clear()
-        ends = {
-            decision + 1: (Moment(decision + 1, moment.wall_ns), "") for decision, (moment, _) in said.items()
-        }
-        rows = [row for _, row in sorted({**ends, **said}.items())]
-        return Lane(teacher, tuple(moment for moment, _ in rows), tuple(state for _, state in rows))
+        """Return what is new in each lane."""
+        rows, self._rows = self._rows, {}
+        return [
+            Lane(teacher, tuple(at for at, _ in lane), tuple(state for _, state in lane))
+            for teacher, lane in rows.items()
+        ]
 
 
 class EventLog:

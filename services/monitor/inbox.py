@@ -25,7 +25,15 @@ class Shown:
     reply: Reply | None
 
 
-Item = Received | Listed | Shown
+@dataclass(frozen=True, slots=True)
+class Told:
+    """A page of a session's journal; None when the learner gave none."""
+
+    session: str
+    reply: Reply | None
+
+
+Item = Received | Listed | Shown | Told
 
 
 class Inbox:
@@ -34,7 +42,7 @@ class Inbox:
     def __init__(self) -> None:
         self.dropped = 0
         self._messages: deque[Received] = deque()
-        self._replies: list[Listed | Shown] = []
+        self._replies: list[Listed | Shown | Told] = []
         self._bytes = 0
         self._wake = threading.Condition()
 
@@ -48,7 +56,7 @@ class Inbox:
                 self.dropped += 1
             self._wake.notify()
 
-    def put_reply(self, reply: Listed | Shown) -> None:
+    def put_reply(self, reply: Listed | Shown | Told) -> None:
         """Add an answer; never dropped, because the worker asks one thing a session at a time."""
         with self._wake:
             self._replies.append(reply)

@@ -13,14 +13,15 @@ import rerun as rr
 import rerun_bindings
 
 from services.monitor.blueprint import blueprint
-from services.monitor.config import LOOPBACK, Addresses, MonitorError, port_error
+from services.monitor.config import LOOPBACK, Addresses, MonitorError, free_port, port_error
+from services.monitor.guard import Guard
 from services.monitor.rows import Picture, Row, Rows
 from services.monitor.writer import APPLICATION, Writer, stream
 
 SCENE_TICK_S = 0.1
 CURVES_TICK_S = 0.5
 SCENE_HISTORY = "32MB"
-CURVES_HISTORY = "256MB"
+CURVES_HISTORY = "96MB"
 START_TIMEOUT_S = 5.0
 CLOSE_TIMEOUT_S = 1.0
 ROWS_WAITING_MAX = 1024
@@ -43,14 +44,26 @@ class Live:
         self._closing = False
         self._sessions: dict[str, _LiveSession] = {}
         self._blueprint_sent = False
-        self._scene_host = _host(addresses, addresses.scene_port, "scene_port", SCENE_HISTORY)
+        inner = _inner_ports(addresses)
+        self._inner = inner
+        self._scene_host = _host(addresses, inner.scene_port, "scene_port", SCENE_HISTORY)
         try:
-            self._curves_host = _host(addresses, addresses.curves_port, "curves_port", CURVES_HISTORY)
+            self._curves_host = _host(addresses, inner.curves_port, "curves_port", CURVES_HISTORY)
         except MonitorError:
             self._scene_host.disconnect()
             raise
+        self._guard = self._guarded(addresses, inner)
         self._thread = threading.Thread(target=self._run, name="monitor-live", daemon=True)
         self._thread.start()
+
+    def _guarded(self, addresses: Addresses, inner: Addresses) -> Guard:
+        pairs = [(addresses.scene_port, inner.scene_port), (addresses.curves_port, inner.curves_port)]
+        try:
+            return Guard(pairs, addresses.bind, LOOPBACK)
+        except OSError:
+            self._scene_host.disconnect()
+            self._curves_host.disconnect()
+            raise port_error("scene_port, curves_port", addresses.scene_port) from None
 
     def show(self, recording_id: str, rows: Rows) -> None:
         """Queue rows for the viewers; never waits."""
@@ -71,6 +84,7 @@ class Live:
             self._closing = True
             self._wake.notify()
         self._thread.join(timeout_s)
+        self._guard.close()
         return not self._thread.is_alive()
 
     def _queue(self, recording_id: str, row: Row | None) -> None:
@@ -102,7 +116,7 @@ class Live:
             return
         if recording_id not in self._sessions:
             self._sessions[recording_id] = _LiveSession(
-                recording_id, self._addresses, with_blueprint=not self._blueprint_sent
+                recording_id, self._inner, with_blueprint=not self._blueprint_sent
             )
             self._blueprint_sent = True
         self._sessions[recording_id].write(row)
@@ -137,6 +151,13 @@ class _LiveSession:
             each.disconnect()
 
 
+def _inner_ports(addresses: Addresses) -> Addresses:
+    """Where the servers themselves listen: on loopback, behind the guard."""
+    taken = {addresses.scene_port, addresses.curves_port, addresses.web_port or 0}
+    scene = free_port(taken)
+    return Addresses(scene, free_port(taken | {scene}), addresses.web_port)
+
+
 def _host(addresses: Addresses, port: int, field: str, history: str) -> rr.RecordingStream:
     """Start a server and make sure that it listens. Raises MonitorError."""
     native = rerun_bindings.new_blueprint(
@@ -146,7 +167,7 @@ def _host(addresses: Addresses, port: int, field: str, history: str) -> rr.Recor
     pages = [f"http://{name}:{addresses.web_port}" for name in (LOOPBACK, "localhost")]
     host.set_sinks(
         rr.GrpcServerSink(
-            addresses.bind, port, server_memory_limit=history, newest_first=False, cors_allow_origin=pages
+            LOOPBACK, port, server_memory_limit=history, newest_first=False, cors_allow_origin=pages
         )
     )
     try:

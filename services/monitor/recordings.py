@@ -1,5 +1,6 @@
 """One session's recording file: scene and curves in one `.rrd`, with a footer, nothing overwritten."""
 
+import logging
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -15,6 +16,8 @@ TICK_S = 0.5
 """A killed monitor loses no more than this of its file."""
 FLUSH_TIMEOUT_S = 1.0
 
+_LOG = logging.getLogger(__name__)
+
 
 def check_folder(folder: Path) -> None:
     """Make the folder for recordings and write to it once. Raises MonitorError when that is not possible."""
@@ -26,12 +29,17 @@ def check_folder(folder: Path) -> None:
 
 
 class Recording:
-    """A file that rows are written to until `close`."""
+    """A file that rows are written to until `close`.
 
-    __slots__ = ("_stream", "_writer", "path")
+    A disk that is full or gone is told once, in one line; the rows that come after are left out, and
+    watching goes on.
+    """
 
-    def __init__(self, folder: Path, session: str, recording_id: str) -> None:
-        self.path = _new_file(folder, session)
+    __slots__ = ("_failed", "_stream", "_writer", "path")
+
+    def __init__(self, path: Path, session: str, recording_id: str) -> None:
+        self.path = path
+        self._failed = False
         self._stream = stream(recording_id, TICK_S, send_properties=True)
         self._stream.set_sinks(rr.FileSink(self.path, write_footer=True))
         self._stream.send_recording_name(session)
@@ -41,17 +49,36 @@ class Recording:
 
     def write(self, rows: Rows) -> None:
         """Write pictures and curves to the file."""
-        for row in (*rows.scene, *rows.curves):
-            self._writer.write(row)
+        if self._failed:
+            return
+        try:
+            for row in (*rows.scene, *rows.curves):
+                self._writer.write(row)
+        except (OSError, RuntimeError) as error:
+            self._fail(error)
 
-    def close(self) -> None:
-        """Write what is left and the footer; the file is whole afterwards."""
-        self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
+    def close(self) -> bool:
+        """Write what is left and the footer; tell whether the file is whole."""
+        try:
+            self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
+        except (OSError, RuntimeError) as error:
+            self._fail(error)
         self._stream.disconnect()
+        return not self._failed
+
+    def _fail(self, error: Exception) -> None:
+        if not self._failed:
+            reason = " ".join(str(error).split())
+            mend = "make room; `sfid export` writes it anew from the journal"
+            _LOG.error("%s: the recording ends here (%s): %s", self.path, reason, mend)
+        self._failed = True
 
 
-def _new_file(folder: Path, session: str) -> Path:
-    """Reserve `<session>.rrd`, or the first of `<session>.2.rrd`, ... that is not there yet."""
+def new_file(folder: Path, session: str) -> Path:
+    """Reserve `<session>.rrd`, or the first of `<session>.2.rrd`, ... that is not there yet.
+
+    Raises: MonitorError when the folder cannot be written.
+    """
     try:
         for number in count(1):
             path = folder / (f"{session}.rrd" if number == 1 else f"{session}.{number}.rrd")

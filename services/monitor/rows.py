@@ -12,12 +12,12 @@ Colour = tuple[int, int, int]
 class Moment:
     """When a row happened, on the three timelines."""
 
-    decision: int
-    """Decisions of the session so far; the timeline that everything is on."""
-    wall_ns: int
-    """Nanoseconds since 1970-01-01 UTC."""
+    step: int
+    """Steps of the session so far; the timeline that everything is on."""
+    wall_ns: int | None = None
+    """Nanoseconds since 1970-01-01 UTC, by the learner's clock; None where no message has told."""
     episode: int | None = None
-    """Only on rows that stand for a whole episode."""
+    """Number of the episode, from 0; None where no message has told."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +62,17 @@ class Lane:
 
 
 @dataclass(frozen=True, slots=True)
+class Reliabilities:
+    """How often one teacher is right, as far as is known, with the standard error."""
+
+    teacher: str
+    colour: Colour
+    moments: tuple[Moment, ...]
+    means: tuple[float, ...]
+    errors: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Events:
     """Lines of the event log."""
 
@@ -71,19 +82,20 @@ class Events:
 
 
 @dataclass(frozen=True, slots=True)
-class Status:
-    """The text that says how things stand now, in Markdown."""
+class Document:
+    """A text in Markdown; the newest is shown."""
 
+    entity: str
     moment: Moment
     markdown: str
 
 
-Row = Picture | Curves | Lane | Events | Status
+Row = Picture | Curves | Lane | Reliabilities | Events | Document
 
 
 @dataclass(slots=True)
 class Rows:
-    """What is due now: pictures for the chatty server, the rest for the one with the long history."""
+    """Rows that belong together: pictures for the chatty server, the rest for the one with a long history."""
 
     scene: list[Picture] = field(default_factory=list)
     curves: list[Row] = field(default_factory=list)

@@ -63,20 +63,20 @@ class Frame:
     hold_s: float = 0.0
 
 
-def frames_of_step(step: Step, wall_ns: int) -> tuple[Frame, ...]:
+def frames_of_step(step: Step, wall_ns: int | None) -> tuple[Frame, ...]:
     """Return the step as it was decided, and where an episode ended, the board it ended on."""
     held_s = HOLD_S if step.said else 0.0
     bumped = step.view == step.next_view
-    moment = Moment(step.decision, wall_ns)
+    moment = Moment(step.decision, wall_ns, step.episode)
     decided = Frame(moment, step.view, step.action, bumped, step.said, held_s)
     if step.outcome == "running":
         return (decided,)
-    return decided, Frame(Moment(step.decision + 1, wall_ns), step.next_view, hold_s=HOLD_S)
+    return decided, Frame(Moment(step.decision + 1, wall_ns, step.episode), step.next_view, hold_s=HOLD_S)
 
 
-def frame_of_decision(decision: Decision, wall_ns: int) -> Frame:
+def frame_of_decision(decision: Decision, wall_ns: int | None) -> Frame:
     """Return the board a decision is taken on; the agent's action only once the learner tells it."""
-    return Frame(Moment(decision.decision, wall_ns), decision.view, decision.action)
+    return Frame(Moment(decision.decision, wall_ns, decision.episode), decision.view, decision.action)
 
 
 class Stage:
@@ -113,6 +113,10 @@ class Stage:
         frame, self._newest = self._newest, None
         return frame
 
+    def is_free(self, now_s: float) -> bool:
+        """Tell whether nothing waits or is held: the open decision may be drawn again."""
+        return not self._held and self._newest is None and now_s >= self._free_at_s
+
 
 class TeacherColours:
     """A colour for each teacher, in the order in which they are first seen."""
@@ -127,17 +131,26 @@ class TeacherColours:
         # Bounded, because a crowd may be of any size; beyond it people share the first colour.
         if teacher not in self._numbers and len(self._numbers) < TEACHERS_REMEMBERED_MAX:
             self._numbers[teacher] = len(self._numbers)
+        return self.known(teacher)
+
+    def known(self, teacher: str) -> Colour:
+        """Return the colour without giving one to a stranger, who has the first."""
         return TEACHER_COLOURS[self._numbers.get(teacher, 0) % len(TEACHER_COLOURS)]
 
 
-def draw_world(frame: Frame, colours: TeacherColours) -> Picture:
-    """Return the picture of a frame. Raises ViewError."""
+def draw_world(frame: Frame, colours: TeacherColours, share_left: float | None = None) -> Picture:
+    """Return the picture of a frame. Raises ViewError.
+
+    Args: share_left: how much of the open window is left, drawn as a bar along the upper edge.
+    """
     board = read_view(frame.view)
     indexes = tiles.background(board.level)
     tiles.draw_boxes(indexes, board)
     tiles.put(
         indexes, board.level, board.player, tiles.KEEPER.get(frame.action or "DOWN", tiles.KEEPER["DOWN"])
     )
+    if share_left is not None:
+        tiles.draw_count_down(indexes, share_left)
     png = encode_palette_png(indexes, tiles.palette())
     return Picture(ENTITY, frame.moment, png, arrows_of(frame, board, colours))
 

@@ -1,146 +1,183 @@
-"""One session as it is shown: messages in, rows out. Time is an argument; no thread, no wire, no viewer."""
+"""One session as it is watched: the chronicle's rows for keeping, and what moves between them for viewers.
 
-from protocol.messages import Decision, Episode, SessionReport, Step
-from services.monitor.curves import Agreement, EpisodeCurves, EpisodeSequence, EventLog, Lanes
-from services.monitor.policy import ValueMirror, draw_policy
-from services.monitor.rows import Moment, Rows, Status
+Time is an argument; no thread, no wire, no viewer.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+
+from protocol.messages import Crowd, Decision, Episode, SessionReport, Step
+from services.monitor.chronicle import Chronicle, wall
+from services.monitor.policy import draw_policy
+from services.monitor.rows import Curves, Document, Moment, Picture, Row, Rows
+from services.monitor.sampling import LIVE_POINT_MS, Pace
 from services.monitor.scene import (
     Frame,
     Stage,
-    TeacherColours,
     ViewError,
     draw_world,
     frame_of_decision,
     frames_of_step,
     read_view,
 )
-from services.monitor.status import event_of_episode, events_between, status_markdown
+from services.monitor.status import NOW, open_markdown
 
 SCENE_PERIOD_S = 0.1
+COUNT_DOWN_PERIOD_S = 0.2
 POLICY_PERIOD_S = 0.5
-STATUS_PERIOD_S = 1.0
-LANES_PERIOD_S = 1.0
+STATUS_PERIOD_S = 0.5
 CURVES_PERIOD_S = 2.0
 CURVES_PERIOD_LATER_S = 5.0
 """After an hour: a late joiner replays the whole history, and few messages keep that short."""
 LATER_S = 3600.0
-EPISODE_NUMBER_MAX = 1_000_000
-"""The largest session there can be (CreateSession.episodes)."""
-PLAUSIBLE_WALL_NS = 10**18
-"""2001-09-09: a sender's time before that is no wall clock, and the monitor's own stands in for it."""
+EARLIER_MAX = 8192
+"""Messages held back while the past is being told."""
+PAST_PICTURES_MAX = 600
+"""Pictures of the past that viewers get when a monitor starts late; the recording has all."""
+RECENT_EPISODES = 80
+
+Message = Decision | Step | Episode | Crowd
+
+
+@dataclass(slots=True)
+class Due:
+    """What is to be written now: to the file, and to viewers."""
+
+    kept: Rows = field(default_factory=Rows)
+    live: Rows = field(default_factory=Rows)
 
 
 class SessionView:
     """Everything the monitor keeps about one session, bounded."""
 
-    def __init__(self, opened_s: float) -> None:
-        self.episodes = EpisodeSequence()
-        self.unreadable_views = 0
+    def __init__(self, opened_s: float, *, past: bool = False) -> None:
+        self.chronicle = Chronicle()
+        self.recent: deque[Episode] = deque(maxlen=RECENT_EPISODES)
+        """The latest episodes, for the overview."""
+        self.report: SessionReport | None = None
+        self.decision: Decision | None = None
+        self.view = ""
+        self.decided_s = opened_s
+        """When the learner last said anything."""
+        self._earlier: deque[Message] | None = deque(maxlen=EARLIER_MAX) if past else None
         self._opened_s = opened_s
-        self._due_s = dict.fromkeys(("scene", "policy", "status", "lanes", "curves"), opened_s)
+        self._due_s = dict.fromkeys(("scene", "count-down", "policy", "status", "curves"), opened_s)
         self._stage = Stage()
-        self._colours = TeacherColours()
-        self._mirror = ValueMirror()
-        self._curves = EpisodeCurves()
-        self._agreement = Agreement()
-        self._lanes = Lanes()
-        self._events = EventLog()
-        self._decision: Decision | None = None
-        self._report: SessionReport | None = None
-        self._moment = Moment(0, 0)
         self._shown: Frame | None = None
         self._policy_stale = False
-        self._status_told = ""
+        self._told = ""
+        self._waiting: list[Row] = []
+        self._past: deque[Picture] = deque(maxlen=PAST_PICTURES_MAX)
+        self._points: dict[str, Pace] = {}
 
-    def take(self, message: Decision | Step | Episode, wall_ns: int) -> None:
-        """Take a message of this session; `wall_ns` is when it came."""
+    @property
+    def unreadable_views(self) -> int:
+        """Views that could not be drawn."""
+        return self.chronicle.unreadable_views
+
+    def take(self, message: Message, now_s: float) -> None:
+        """Take a message as it comes: it is watched at once, and kept after what came before it."""
+        self.decided_s = now_s
         match message:
             case Decision():
-                self._take_decision(message, wall_ns)
+                self._watch_decision(message)
             case Step():
-                self._take_step(message, _wall(message.at_ns, wall_ns))
+                self._policy_stale = True
+                self.view = message.next_view
+                self._stage.offer(frames_of_step(message, wall(message.at_ns)))
             case Episode():
-                self.offer_episodes((message,), wall_ns)
+                self.recent.append(message)
+        if self._earlier is None:
+            self.chronicle.tell(message)
+        else:
+            self._earlier.append(message)
 
-    def offer_episodes(self, episodes: tuple[Episode, ...], wall_ns: int) -> None:
-        """Take finished episodes, also ones taken before; they are shown in order, each once."""
-        for episode in episodes:
-            if episode.episode < EPISODE_NUMBER_MAX:
-                self.episodes.offer(episode)
-        self.show_episodes(wall_ns)
+    def retell(self, message: Message) -> None:
+        """Take a message of the past, in its order."""
+        if isinstance(message, Episode):
+            self.recent.append(message)
+        self.chronicle.tell(message)
 
-    def give_up_missing(self, wall_ns: int) -> None:
-        """Show the episodes that wait for others, without those."""
-        while self.episodes.missing() is not None:
-            self.episodes.skip()
-            self.show_episodes(wall_ns)
+    def past_is_told(self) -> None:
+        """Go on with what came in the meantime."""
+        earlier, self._earlier = self._earlier or (), None
+        for message in earlier:
+            self.chronicle.tell(message)
 
-    def show_episodes(self, wall_ns: int) -> None:
-        """Move the episodes whose turn it is to the curves."""
-        for episode in self.episodes.take():
-            at_ns = _wall(episode.at_ns, wall_ns)
-            self._curves.add(episode, at_ns)
-            self.note(event_of_episode(episode), Moment(episode.decision, at_ns))
+    def take_report(self, report: SessionReport) -> None:
+        """Take what the learner tells about the session."""
+        self.chronicle.offer_episodes(report.episodes)
+        self.report = report
+        if self.decision is None and self._shown is None:
+            self.view = report.config.world.level
+            self._stage.offer((Frame(Moment(report.summary.decision), self.view),))
 
-    def take_report(self, report: SessionReport, wall_ns: int) -> None:
-        """Take what the learner tells about the past."""
-        self.offer_episodes(report.episodes, wall_ns)
-        self._report = report
-        if self._decision is None and self._shown is None:
-            self._moment = Moment(report.summary.decision, wall_ns)
-            self._stage.offer((Frame(self._moment, report.config.world.level),))
+    def left_s(self, now_s: float) -> float | None:
+        """Return the seconds until the open window closes; None without a deadline."""
+        if self.decision is None or self.decision.remaining_ms is None:
+            return None
+        return max(0.0, self.decision.remaining_ms / 1000 - (now_s - self.decided_s))
 
-    def note(self, text: str, moment: Moment | None = None, level: str = "INFO") -> None:
-        """Add a line to the event log."""
-        self._events.add(moment or self._moment, text, level)
-
-    def tick(self, now_s: float, pace: int = 1) -> Rows:
+    def tick(self, now_s: float, pace: int = 1) -> Due:
         """Return what is due; `pace` is the number of sessions that share the viewers' message rate."""
-        rows = Rows()
+        due = Due(kept=self._kept())
         if self._is_due("scene", now_s, SCENE_PERIOD_S * pace):
-            self._draw_scene(rows, now_s)
+            self._draw_scene(due.live, now_s, pace)
         if self._policy_stale and self._is_due("policy", now_s, POLICY_PERIOD_S * pace):
-            self._draw_policy(rows)
+            self._draw_policy(due.live)
         if self._is_due("status", now_s, STATUS_PERIOD_S * pace):
-            self._tell_status(rows)
-        if self._is_due("lanes", now_s, LANES_PERIOD_S * pace):
-            rows.curves.extend(self._lanes.take())
+            self._tell_status(due.live, now_s)
         later = now_s - self._opened_s > LATER_S
         if self._is_due("curves", now_s, (CURVES_PERIOD_LATER_S if later else CURVES_PERIOD_S) * pace):
-            self._take_curves(rows)
-        return rows
+            self._send_waiting(due.live)
+        return due
 
-    def flush(self, now_s: float) -> Rows:
+    def flush(self, now_s: float) -> Due:
         """Return everything that has not been returned yet."""
-        rows = Rows()
+        self.past_is_told()
+        self.chronicle.give_up_missing()
+        due = Due(kept=self._kept())
         # A held frame and one after it at most: what was on stage when the session's view ends.
         for number in range(3):
-            self._draw_scene(rows, now_s + 60.0 * (number + 1))
-        self._draw_policy(rows)
-        self._tell_status(rows)
-        rows.curves.extend(self._lanes.take())
-        self._take_curves(rows)
-        return rows
+            self._draw_scene(due.live, now_s + 60.0 * (number + 1), 1)
+        self._draw_policy(due.live)
+        self._tell_status(due.live, now_s)
+        self._send_waiting(due.live)
+        return due
 
-    def _take_decision(self, decision: Decision, wall_ns: int) -> None:
-        before = self._decision
+    def _watch_decision(self, decision: Decision) -> None:
+        before = self.decision
         if before is not None and (decision.epoch, decision.sequence) <= (before.epoch, before.sequence):
             return
-        self._decision = decision
-        self._moment = Moment(decision.decision, wall_ns)
-        for text in events_between(before, decision):
-            self.note(text)
+        self.decision = decision
         if decision.view:
-            self._stage.offer((frame_of_decision(decision, wall_ns),))
+            self.view = decision.view
+            self._stage.offer((frame_of_decision(decision, None),))
 
-    def _take_step(self, step: Step, wall_ns: int) -> None:
-        moment = Moment(step.decision, wall_ns)
-        self._moment = moment
-        self._mirror.learn(step.state, step.values)
-        self._policy_stale = True
-        self._agreement.add(step, moment)
-        self._lanes.add(step, moment)
-        self._stage.offer(frames_of_step(step, wall_ns))
+    def _kept(self) -> Rows:
+        """The chronicle's rows: all for the file; for viewers the curves, thinned, and past pictures."""
+        rows = self.chronicle.take()
+        for row in rows.curves:
+            if not isinstance(row, Document) or row.entity != NOW:
+                self._waiting.append(self._thinned(row) if isinstance(row, Curves) else row)
+        # The world and the policy are drawn for viewers as they are; what the chronicle draws beside them
+        # is for both, and so is the past.
+        self._waiting.extend(row for row in rows.scene if row.entity not in {"world", "policy"})
+        if self._earlier is not None:
+            self._past.extend(row for row in rows.scene if row.entity == "world")
+        return rows
+
+    def _thinned(self, row: Curves) -> Curves:
+        pace = self._points.setdefault(row.entity, Pace(LIVE_POINT_MS))
+        kept = [number for number, at in enumerate(row.moments) if at.wall_ns is None or pace.due(at.wall_ns)]
+        return Curves(row.entity, tuple(row.moments[number] for number in kept), row.values[kept])
+
+    def _send_waiting(self, rows: Rows) -> None:
+        waiting, self._waiting = self._waiting, []
+        rows.curves.extend(row for row in waiting if not isinstance(row, Curves) or row.moments)
+        if self._earlier is None and self._past:
+            rows.scene[:0] = self._past
+            self._past.clear()
 
     def _is_due(self, what: str, now_s: float, period_s: float) -> bool:
         if now_s < self._due_s[what]:
@@ -148,36 +185,46 @@ class SessionView:
         self._due_s[what] = now_s + period_s
         return True
 
-    def _draw_scene(self, rows: Rows, now_s: float) -> None:
+    def _draw_scene(self, rows: Rows, now_s: float, pace: int) -> None:
         frame = self._stage.due(now_s)
         if frame is None:
+            self._draw_count_down(rows, now_s, pace)
             return
         try:
-            rows.scene.append(draw_world(frame, self._colours))
-        except ViewError as error:
-            self.unreadable_views += 1
-            if self.unreadable_views == 1:
-                self.note(f"a view cannot be drawn: {error}", frame.moment, "WARN")
+            rows.scene.append(draw_world(frame, self.chronicle.colours, self._share_left(frame, now_s)))
+        except ViewError:  # the chronicle counts it, and tells the first
             return
         self._policy_stale |= self._shown is None or self._shown.view != frame.view
         self._shown = frame
+
+    def _draw_count_down(self, rows: Rows, now_s: float, pace: int) -> None:
+        """Draw the open decision again with less time left."""
+        shown = self._shown
+        if shown is None or self._share_left(shown, now_s) is None:
+            return
+        if self._stage.is_free(now_s) and self._is_due("count-down", now_s, COUNT_DOWN_PERIOD_S * pace):
+            share = self._share_left(shown, now_s)
+            rows.scene.append(draw_world(shown, self.chronicle.colours, share))
+
+    def _share_left(self, frame: Frame, now_s: float) -> float | None:
+        """How much of the window is left, if it is this frame's decision that is open."""
+        decision, left_s = self.decision, self.left_s(now_s)
+        if decision is None or left_s is None or decision.phase != "asking" or decision.paused:
+            return None
+        if frame.moment.step != decision.decision or frame.said:
+            return None
+        return min(1.0, left_s * 1000 / decision.window.span_ms)
 
     def _draw_policy(self, rows: Rows) -> None:
         if self._shown is None or not self._policy_stale:
             return
         self._policy_stale = False
-        rows.scene.append(draw_policy(read_view(self._shown.view), self._mirror, self._shown.moment))
+        board = read_view(self._shown.view)
+        rows.scene.append(draw_policy(board, self.chronicle.mirror, self._shown.moment))
 
-    def _tell_status(self, rows: Rows) -> None:
-        text = status_markdown(self._decision, self._report, self.unreadable_views)
-        if text != self._status_told:
-            self._status_told = text
-            rows.curves.append(Status(self._moment, text))
-
-    def _take_curves(self, rows: Rows) -> None:
-        for collected in (self._curves, self._agreement, self._events):
-            rows.curves.extend(collected.take())
-
-
-def _wall(at_ns: int, wall_ns: int) -> int:
-    return at_ns if PLAUSIBLE_WALL_NS <= at_ns < 2**63 else wall_ns
+    def _tell_status(self, rows: Rows, now_s: float) -> None:
+        waited_s = now_s - self.decided_s
+        text = open_markdown(self.decision, self.report, self.left_s(now_s), waited_s)
+        if text != self._told:
+            self._told = text
+            rows.curves.append(Document(NOW, self.chronicle.moment, text))

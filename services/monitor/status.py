@@ -1,6 +1,6 @@
 """The sentences of the monitor: how things stand now, and what has happened."""
 
-from protocol.messages import Decision, Episode, SessionReport
+from protocol.messages import Decision, Episode, SaidBy, SessionReport, Step
 
 PHASES = {
     "gathering": "waiting for teachers",
@@ -11,14 +11,43 @@ PHASES = {
     "finished": "finished",
 }
 WINDOWS = {"early": "closes early", "full": "full span", "until-answered": "until answered"}
+SIGNS = {"LEFT": "←", "RIGHT": "→", "UP": "↑", "DOWN": "↓"}
 NAMES_SHOWN_MAX = 6
+BAR = 10
+"""Squares of the count-down."""
+NOW = "now"
 
 
-def status_markdown(decision: Decision | None, report: SessionReport | None, unreadable_views: int) -> str:
-    """Return the text of the `Now` pane: what is known, nothing else."""
-    lines = _standing(decision, report)
-    if unreadable_views:
-        lines.append(f"views that could not be drawn: {unreadable_views}")
+def open_markdown(
+    decision: Decision | None, report: SessionReport | None, left_s: float | None, waited_s: float
+) -> str:
+    """Return how the session stands at this moment.
+
+    Args: left_s: seconds until the open window closes, None without a deadline; waited_s: seconds since the
+    learner last said anything.
+    """
+    if decision is None:
+        return "\n\n".join(_standing(report))
+    phase = f"**{_phase(decision)}**{_count_down(decision, left_s, waited_s)}"
+    lines = [_heading(decision, decision.step), phase]
+    window = f"window {decision.window.span_ms / 1000:g} s, {WINDOWS[decision.window.mode]}"
+    lines += [_present(decision), f"method **{decision.method}** · {window}"]
+    return "\n\n".join(lines)
+
+
+def step_markdown(step: Step, decision: Decision | None) -> str:
+    """Return what a learnt step was: what was said, done and learnt."""
+    heading = f"### Episode {step.episode + 1} · step {step.step}"
+    if decision is not None:
+        heading = f"### Episode {step.episode + 1} of {decision.episodes} · step {step.step}"
+    lines = [heading, f"agent went **{_sign(step.action)}**"]
+    if step.said:
+        said = " · ".join(_saying(each) for each in step.said[:NAMES_SHOWN_MAX])
+        more = len(step.said) - NAMES_SHOWN_MAX
+        lines.append(said + (f" and {more} more" if more > 0 else "") + f" → h {step.h:+.2g}")
+    else:
+        lines.append("nobody said anything")
+    lines.append(f"reward {step.reward:+g} · TD error {step.td_error:+.3f}")
     return "\n\n".join(lines)
 
 
@@ -57,26 +86,50 @@ def events_between(before: Decision | None, after: Decision) -> list[str]:
     return events
 
 
-def _standing(decision: Decision | None, report: SessionReport | None) -> list[str]:
-    if decision is not None:
-        phase = "paused" if decision.paused else PHASES[decision.phase]
-        present = f"{decision.teachers_present} present"
-        teachers = f"{present}: {_listed(decision.teachers)}" if decision.teachers else present
-        window = f"{decision.window.span_ms / 1000:g} s, {WINDOWS[decision.window.mode]}"
-        shown = min(decision.episode + 1, decision.episodes)
-        return [
-            f"### Episode {shown} of {decision.episodes} · step {decision.step}",
-            f"**{phase}** · method **{decision.method}** · window {window}",
-            f"teachers {teachers}",
-        ]
-    if report is not None:
-        summary = report.summary
-        return [
-            f"### {summary.episode} of {summary.episodes} episodes",
-            f"**{PHASES.get(summary.phase, summary.phase)}** · method **{summary.method}**",
-            f"level {summary.level_name} · {_counted(report.labels.applied, 'answer')} applied",
-        ]
-    return ["### Waiting for the session"]
+def _standing(report: SessionReport | None) -> list[str]:
+    if report is None:
+        return ["### Waiting for the session"]
+    summary = report.summary
+    return [
+        f"### {summary.episode} of {summary.episodes} episodes",
+        f"**{PHASES.get(summary.phase, summary.phase)}** · method **{summary.method}**",
+        f"level {summary.level_name} · {_counted(report.labels.applied, 'answer')} applied",
+    ]
+
+
+def _heading(decision: Decision, step: int) -> str:
+    return f"### Episode {min(decision.episode + 1, decision.episodes)} of {decision.episodes} · step {step}"
+
+
+def _phase(decision: Decision) -> str:
+    return "paused" if decision.paused else PHASES[decision.phase]
+
+
+def _count_down(decision: Decision, left_s: float | None, waited_s: float) -> str:
+    if decision.phase != "asking" or decision.paused:
+        return ""
+    if left_s is None:
+        return f" · no deadline, open for {waited_s:.0f} s"
+    share = left_s / max(left_s, decision.window.span_ms / 1000)
+    bar = "■" * round(share * BAR) + "□" * (BAR - round(share * BAR))
+    return f" {bar} {left_s:.1f} s left"
+
+
+def _present(decision: Decision) -> str:
+    present = f"teachers: {decision.teachers_present} present"
+    return f"{present}, {_listed(decision.teachers)}" if decision.teachers else present
+
+
+def _sign(action: str) -> str:
+    return SIGNS.get(action, action)
+
+
+def _saying(said: SaidBy) -> str:
+    if said.action is not None:
+        return f"{said.teacher} said **{_sign(said.action)}**"
+    if said.reward is not None:
+        return f"{said.teacher} gave **{said.reward:+g}**"
+    return f"{said.teacher}: {said.kind}"
 
 
 def _listed(names: tuple[str, ...] | list[str]) -> str:

@@ -16,6 +16,9 @@ Indexes = npt.NDArray[np.uint8]
 TILE = 16
 """Pixels a cell, each way."""
 
+COUNT_DOWN = 3
+"""Pixels that the bar of the count-down is high."""
+
 COLOURS = {
     "_": "#0b0d12",  # outside
     "f": "#3a3542",  # floor
@@ -197,6 +200,11 @@ KEEPER = {
 """The player by the direction it faces."""
 
 
+def colour_number(letter: str) -> int:
+    """Return the palette index of a colour by its letter in `COLOURS`."""
+    return _NUMBERS[letter]
+
+
 def palette() -> npt.NDArray[np.uint8]:
     """Return the shared palette, uint8 (colours, 3): the colours, the same dimmed, the ramp of values."""
     bright = np.array([[int(colour[at : at + 2], 16) for at in (1, 3, 5)] for colour in COLOURS.values()])
@@ -222,6 +230,13 @@ def draw_boxes(picture: Indexes, board: Board) -> None:
     """Draw the boxes where they stand, in place; one on a goal is green with a tick."""
     for box in board.boxes:
         put(picture, board.level, box, BOX_AT_HOME if box in board.level.goal_set else BOX)
+
+
+def draw_count_down(picture: Indexes, share: float) -> None:
+    """Draw what is left of the window along the upper edge, in place; red in its last quarter."""
+    width = picture.shape[1]
+    picture[: COUNT_DOWN + 2] = _NUMBERS["_"]
+    picture[1 : COUNT_DOWN + 1, : round(width * share)] = _NUMBERS["r" if share < 0.25 else "h"]
 
 
 def background(level: Level) -> Indexes:

@@ -8,6 +8,7 @@ from typing import cast
 from protocol.codec import DecodeError, decode, encode, printable
 from protocol.keys import Keys
 from protocol.messages import (
+    Crowd,
     Decision,
     Episode,
     SessionList,
@@ -16,12 +17,14 @@ from protocol.messages import (
     SessionSummary,
     Step,
 )
-from services.monitor.config import MonitorConfig
-from services.monitor.inbox import Inbox, Listed, Shown
+from services.monitor.config import MonitorConfig, MonitorError
+from services.monitor.inbox import Inbox, Listed, Shown, Told
 from services.monitor.live import Live
-from services.monitor.recordings import Recording
+from services.monitor.overview import PERIOD_S, draw_overview, glance
+from services.monitor.past import Past
+from services.monitor.recordings import Recording, new_file
 from services.monitor.rows import Rows
-from services.monitor.session_view import SessionView
+from services.monitor.session_view import Due, SessionView
 from services.runtime.bus import Bus, Received
 from services.runtime.clock import Clock
 
@@ -29,6 +32,8 @@ IDLE_S = 0.05
 """Longest wait for a message: half the scene's period, so that a frame is at most that late."""
 ASK_TIMEOUT_MS = 3_000
 REPORT_EPISODES_MAX = 100
+LAST_ROUNDS = 8
+"""Rounds after the stop: an answer that has just come may lead to one more question."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -50,6 +55,7 @@ class _Watched:
     """One session that is shown."""
 
     view: SessionView
+    past: Past
     recording: Recording | None
     recording_id: str
     heard_s: float
@@ -68,12 +74,14 @@ class Worker:
         self._live = live
         self._clock = clock
         self._watched: dict[str, _Watched] = {}
+        self._overview_due_s = 0.0
 
     def subscribe(self) -> None:
         """Listen to the sessions, and ask the learner what happened before."""
         session = self._config.session or "*"
         self._bus.subscribe(self._keys.decision(session), self.inbox.put)
         self._bus.subscribe(self._keys.measures(session), self.inbox.put)
+        self._bus.subscribe(self._keys.crowd(session), self.inbox.put)
         if self._config.session is not None:
             self._watch(self._config.session)
             return
@@ -90,7 +98,8 @@ class Worker:
         try:
             while not stopping():
                 self._round(IDLE_S)
-            self._round(0.0)
+            for _ in range(LAST_ROUNDS):
+                self._round(0.0)
         finally:
             self.close()
 
@@ -109,10 +118,23 @@ class Worker:
                     self._take_list(item)
                 case Shown():
                     self._take_report(item)
+                case Told():
+                    self._take_page(item)
         now_s = self._now_s()
         active = sum(now_s - watched.heard_s < 1.0 for watched in self._watched.values())
         for watched in self._watched.values():
             self._show(watched, watched.view.tick(now_s, max(1, active)))
+        self._show_overview(now_s, max(1, active))
+
+    def _show_overview(self, now_s: float, active: int) -> None:
+        """All sessions at a glance, for the viewers of each: whoever watches one sees the others."""
+        if self._live is None or not self._watched or now_s < self._overview_due_s:
+            return
+        self._overview_due_s = now_s + PERIOD_S * active
+        glances = [glance(name, each.view, now_s) for name, each in sorted(self._watched.items())]
+        for watched in self._watched.values():
+            picture = draw_overview(glances, watched.view.chronicle.moment)
+            self._live.show(watched.recording_id, Rows(curves=[picture]))
 
     def _take_message(self, received: Received) -> None:
         try:
@@ -120,16 +142,35 @@ class Worker:
         except DecodeError as error:
             self._count_malformed(received.key, str(error))
             return
-        expected = self._keys.decision if isinstance(message, Decision) else self._keys.measures
-        if received.key != expected(message.session):
+        if received.key != self._key_of(message):
             self._count_malformed(received.key, "the message is of another session or kind than its key")
             return
         self.counts.messages += 1
         watched = self._watched.get(message.session) or self._watch(message.session)
         watched.heard_s = self._now_s()
-        watched.view.take(message, self._clock.wall_ns())
-        if watched.view.episodes.missing() is not None:
+        watched.view.take(message, watched.heard_s)
+        if watched.past.is_done() and watched.view.chronicle.episodes.missing() is not None:
             self._ask(message.session, watched)
+
+    def _key_of(self, message: Decision | Step | Episode | Crowd) -> str:
+        match message:
+            case Decision():
+                return self._keys.decision(message.session)
+            case Crowd():
+                return self._keys.crowd(message.session, message.aggregator)
+            case _:
+                return self._keys.measures(message.session)
+
+    def _take_page(self, told: Told) -> None:
+        watched = self._watched.get(told.session)
+        if watched is None or watched.past.is_done():
+            return
+        try:
+            watched.past.take(told.reply)
+        except DecodeError as error:
+            self._count_malformed(self._keys.learner("rows"), str(error))
+        if watched.past.is_done():
+            self._ask(told.session, watched)
 
     def _count_malformed(self, key: str, detail: str) -> None:
         self.counts.malformed += 1
@@ -139,7 +180,7 @@ class Worker:
             )
         session = key.removeprefix(f"{self._keys.root}/session/").split("/")[0]
         if (watched := self._watched.get(session)) is not None:
-            watched.view.note(f"a message cannot be read and is skipped: {detail}", level="WARN")
+            watched.view.chronicle.note(f"a message cannot be read and is skipped: {detail}", level="WARN")
 
     def _take_list(self, listed: Listed) -> None:
         if listed.reply is None or not listed.reply.ok:
@@ -158,7 +199,7 @@ class Worker:
         if watched is None:
             return
         watched.asking = False
-        wall_ns = self._clock.wall_ns()
+        episodes = watched.view.chronicle.episodes
         full_page = False
         if shown.reply is not None and shown.reply.ok:
             try:
@@ -166,21 +207,19 @@ class Worker:
             except DecodeError as error:
                 self._count_malformed(self._keys.decision(shown.session), str(error))
             else:
-                before = watched.view.episodes.expected()
-                watched.view.take_report(report, wall_ns)
-                full_page = (
-                    len(report.episodes) >= REPORT_EPISODES_MAX and watched.view.episodes.expected() > before
-                )
+                before = episodes.expected()
+                watched.view.take_report(report)
+                full_page = len(report.episodes) >= REPORT_EPISODES_MAX and episodes.expected() > before
         if full_page:
             self._ask(shown.session, watched)
-        elif watched.view.episodes.missing() is not None:
-            watched.view.give_up_missing(wall_ns)
+        elif watched.past.is_done() and episodes.missing() is not None:
+            watched.view.chronicle.give_up_missing()
 
     def _ask(self, session: str, watched: _Watched) -> None:
         if watched.asking:
             return
         watched.asking = True
-        query = SessionQuery(session=session, first_episode=watched.view.episodes.expected())
+        query = SessionQuery(session=session, first_episode=watched.view.chronicle.episodes.expected())
         self._bus.ask(
             self._keys.learner("show"),
             encode(query),
@@ -194,18 +233,34 @@ class Worker:
             self._unwatch(min(self._watched, key=lambda name: self._watched[name].heard_s))
         now_s = self._now_s()
         recording_id = f"{self._config.deployment}-{session}"
-        folder = self._config.recording_dir
-        recording = None if folder is None else Recording(folder, session, recording_id)
-        watched = _Watched(SessionView(now_s), recording, recording_id, now_s)
+        view = SessionView(now_s, past=True)
+        past = Past(session, view, lambda query: self._ask_rows(session, query))
+        watched = _Watched(view, past, self._recording(session, recording_id), recording_id, now_s)
         self._watched[session] = watched
-        self._ask(session, watched)
+        past.begin()
         return watched
+
+    def _recording(self, session: str, recording_id: str) -> Recording | None:
+        folder = self._config.recording_dir
+        if folder is None:
+            return None
+        try:
+            return Recording(new_file(folder, session), session, recording_id)
+        except MonitorError as error:
+            _LOG.error("session %s is watched without a recording: %s", session, error)
+            return None
+
+    def _ask_rows(self, session: str, query: bytes) -> None:
+        self._bus.ask(
+            self._keys.learner("rows"),
+            query,
+            lambda reply: self.inbox.put_reply(Told(session, reply)),
+            ASK_TIMEOUT_MS,
+        )
 
     def _unwatch(self, session: str) -> None:
         watched = self._watched.pop(session)
         try:
-            # Episodes that still wait for earlier ones are shown without them, rather than not at all.
-            watched.view.give_up_missing(self._clock.wall_ns())
             self._show(watched, watched.view.flush(self._now_s()))
         finally:
             self.counts.unreadable_views += watched.view.unreadable_views
@@ -214,20 +269,20 @@ class Worker:
             if self._live is not None:
                 self._live.forget(watched.recording_id)
 
-    def _show(self, watched: _Watched, rows: Rows) -> None:
-        self.counts.pictures += len(rows.scene)
+    def _show(self, watched: _Watched, due: Due) -> None:
+        self.counts.pictures += len(due.kept.scene)
         if watched.recording is not None:
-            watched.recording.write(rows)
+            watched.recording.write(due.kept)
         if self._live is not None:
-            self._live.show(watched.recording_id, rows)
+            self._live.show(watched.recording_id, due.live)
 
     def _now_s(self) -> float:
         return self._clock.now_ns() / 1e9
 
 
-def _decoded(received: Received) -> Decision | Step | Episode:
+def _decoded(received: Received) -> Decision | Step | Episode | Crowd:
     # `decode` takes a union as well as a class, but a union has no type that says so.
-    return decode(received.payload, cast("type[Decision]", Decision | Step | Episode))
+    return decode(received.payload, cast("type[Decision]", Decision | Step | Episode | Crowd))
 
 
 def _worth_watching(sessions: tuple[SessionSummary, ...]) -> list[SessionSummary]:

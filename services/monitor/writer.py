@@ -1,13 +1,14 @@
 """Rows into a Rerun stream: the one place that knows how a row is logged."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 import rerun as rr
 
 from services.monitor import curves
-from services.monitor.rows import Arrow, Curves, Events, Lane, Moment, Picture, Row, Status
+from services.monitor.rows import Arrow, Curves, Document, Events, Lane, Moment, Picture, Reliabilities, Row
 
 APPLICATION = "sfid"
 LINES: dict[str, tuple[tuple[tuple[int, ...], ...], tuple[float, ...]]] = {
@@ -61,17 +62,34 @@ class Writer:
                 self._picture(row)
             case Curves():
                 width = row.values.shape[1]
-                scalars = rr.Scalars.columns(scalars=row.values.reshape(-1))
-                partitioned = scalars.partition([width] * len(row.moments))
-                self._stream.send_columns(row.entity, _timelines(row.moments), partitioned)
+                for part in _alike(row.moments):
+                    scalars = rr.Scalars.columns(scalars=row.values[part].reshape(-1))
+                    self._columns(row.entity, row.moments[part], scalars.partition([width] * _length(part)))
             case Lane():
                 self._lane(row)
+            case Reliabilities():
+                self._reliabilities(row)
             case Events():
-                lines = rr.TextLog.columns(text=row.texts, level=row.levels)
-                self._stream.send_columns("events", _timelines(row.moments), lines)
-            case Status():
+                for part in _alike(row.moments):
+                    lines = rr.TextLog.columns(text=row.texts[part], level=row.levels[part])
+                    self._columns("events", row.moments[part], lines)
+            case Document():
                 self._at(row.moment)
-                self._stream.log("now", rr.TextDocument(row.markdown, media_type="text/markdown"))
+                self._stream.log(row.entity, rr.TextDocument(row.markdown, media_type="text/markdown"))
+
+    def _columns(self, entity: str, moments: Sequence[Moment], columns: Any) -> None:  # noqa: ANN401 - Rerun's list
+        self._stream.send_columns(entity, _timelines(moments), columns)
+
+    def _reliabilities(self, row: Reliabilities) -> None:
+        entity = f"reliability/{row.teacher}"
+        if entity not in self._lanes:
+            self._lanes.add(entity)
+            style = rr.Measurements.from_fields(colors=[row.colour], names=[row.teacher], widths=[2.0])
+            self._stream.log(entity, style, static=True)
+        for part in _alike(row.moments):
+            variances = np.array(row.errors[part]) ** 2
+            columns = rr.Measurements.columns(values=np.array(row.means[part]), variances=variances)
+            self._columns(entity, row.moments[part], columns)
 
     def _picture(self, row: Picture) -> None:
         self._at(row.moment)
@@ -85,12 +103,29 @@ class Writer:
             signs, colours = zip(*LANE_STATES.values(), strict=True)
             states = rr.StateConfiguration(values=list(LANE_STATES), labels=signs, colors=colours)
             self._stream.log(entity, states, static=True)
-        self._stream.send_columns(entity, _timelines(row.moments), rr.StateChange.columns(state=row.states))
+        for part in _alike(row.moments):
+            self._columns(entity, row.moments[part], rr.StateChange.columns(state=row.states[part]))
 
     def _at(self, moment: Moment) -> None:
         self._stream.reset_time()
-        self._stream.set_time("decision", sequence=moment.decision)
-        self._stream.set_time("wall", timestamp=np.datetime64(moment.wall_ns, "ns"))
+        self._stream.set_time("step", sequence=moment.step)
+        if moment.episode is not None:
+            self._stream.set_time("episode", sequence=moment.episode)
+        if moment.wall_ns is not None:
+            self._stream.set_time("wall", timestamp=np.datetime64(moment.wall_ns, "ns"))
+
+
+def _alike(moments: Sequence[Moment]) -> Iterator[slice]:
+    """Yield the stretches of rows that are on the same timelines: a column has no gaps."""
+    start = 0
+    for _, group in groupby(moments, lambda moment: (moment.wall_ns is None, moment.episode is None)):
+        length = sum(1 for _ in group)
+        yield slice(start, start + length)
+        start += length
+
+
+def _length(part: slice) -> int:
+    return int(part.stop) - int(part.start)
 
 
 def _arrows(arrows: Sequence[Arrow]) -> rr.Arrows2D:
@@ -108,12 +143,12 @@ def _arrows(arrows: Sequence[Arrow]) -> rr.Arrows2D:
 
 
 def _timelines(moments: Sequence[Moment]) -> list[Any]:
-    """The three timelines of some rows; `episode` only where every row stands for one."""
-    timelines = [
-        rr.TimeColumn("decision", sequence=[moment.decision for moment in moments]),
-        rr.TimeColumn("wall", timestamp=np.array([moment.wall_ns for moment in moments], "datetime64[ns]")),
-    ]
+    """The timelines of some rows, which are on the same ones."""
+    timelines = [rr.TimeColumn("step", sequence=[moment.step for moment in moments])]
+    walls = [moment.wall_ns for moment in moments if moment.wall_ns is not None]
+    if walls:
+        timelines.append(rr.TimeColumn("wall", timestamp=np.array(walls, "datetime64[ns]")))
     episodes = [moment.episode for moment in moments if moment.episode is not None]
-    if len(episodes) == len(moments):
+    if episodes:
         timelines.append(rr.TimeColumn("episode", sequence=episodes))
     return timelines

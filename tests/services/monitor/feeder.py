@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from protocol.messages import Decision, Episode, SaidBy, Step, WindowSpec
-from sfid_core.learning.q_learning import greedy, update
 from sfid_core.sokoban.actions import ACTIONS
 from sfid_core.sokoban.board import Board
 from sfid_core.sokoban.levels import parse_levels
@@ -23,8 +22,32 @@ ROOM = """
 """
 SOLUTION_ROOM = "#####\n#@$.#\n#####"
 GAMMA = 0.9
+RATE = 0.3
 WALL_NS = 1_790_000_000 * 10**9
 ACTION_NAMES = tuple(action.name for action in ACTIONS)
+
+
+@dataclass
+class Tally:
+    """An episode as far as it has come."""
+
+    outcome: str = "running"
+    steps: int = 0
+    env_error: float = 0.0
+    shaped_error: float = 0.0
+    env_return: float = 0.0
+    shaped_return: float = 0.0
+    inputs: int = 0
+    agreements: int = 0
+
+    def add(self, step: Step) -> None:
+        self.env_error += abs(step.td_error)
+        self.shaped_error += abs(step.td_error_shaped)
+        self.env_return += GAMMA**self.steps * step.reward
+        self.shaped_return += GAMMA**self.steps * (step.reward + step.h)
+        self.inputs += len(step.said)
+        self.agreements += step.h > 0
+        self.steps += 1
 
 
 @dataclass
@@ -54,70 +77,76 @@ class Lesson:
         yield self._decision(self.start, self.episodes, 0, "finished", None)
 
     def _episode(self, episode: int) -> Iterator[Decision | Step | Episode]:
-        board, steps = self.start, 0
-        env_td = shaped_td = env_return = shaped_return = 0.0
-        inputs = agreements = 0
-        outcome = "running"
-        while outcome == "running":
-            yield self._decision(board, episode, steps, "asking", None)
-            row = self._row(board)
-            action = greedy(row, self.seed, self.decision)
+        board, tally = self.start, Tally()
+        while tally.outcome == "running":
+            yield self._decision(board, episode, tally.steps, "asking", None)
+            action = self._greedy(board)
             said = self._said(board)
-            agreed = sum(answer.action == ACTION_NAMES[action] for answer in said)
-            h = 0.0 if not said else (1.0 if 2 * agreed > len(said) else -1.0)
-            yield self._decision(board, episode, steps, "executing", ACTION_NAMES[action])
+            yield self._decision(board, episode, tally.steps, "executing", ACTION_NAMES[action])
             after = taken(board, ACTIONS[action]).board
-            solved, stuck = after.solved, after.state_key() not in self.distance
-            reward = 10.0 if solved else -10.0 if stuck else 0.0
-            following = 0.0 if solved or stuck else max(self._row(after))
-            errors = update(row, action, reward, h, following, 0.3, GAMMA)
-            ended = "solved" if solved else "deadlock" if stuck else ""
-            outcome = ended or ("cap" if steps + 1 == self.steps_max else "running")
-            yield Step(
-                session=self.session,
-                epoch=self.epoch,
-                decision=self.decision,
-                episode=episode,
-                step=steps,
-                at_ns=self._at_ns(),
-                state=board.state_key(),
-                view=board.to_xsb(),
-                action=ACTION_NAMES[action],
-                said=said,
-                label=said[0].action if said else None,
-                h=h,
-                reward=reward,
-                td_error=errors.environment,
-                td_error_shaped=errors.shaped,
-                outcome=outcome,  # type: ignore[arg-type]
-                next_view=after.to_xsb(),
-                values=tuple(row),
-            )
-            env_td += abs(errors.environment)
-            shaped_td += abs(errors.shaped)
-            env_return += GAMMA**steps * reward
-            shaped_return += GAMMA**steps * (reward + h)
-            inputs += len(said)
-            agreements += h > 0
-            steps += 1
+            step = self._learnt(board, after, action, said, episode, tally)
+            yield step
             self.decision += 1
             board = after
-        yield Episode(
+        yield self._ended(episode, tally)
+
+    def _learnt(
+        self, board: Board, after: Board, action: int, said: tuple[SaidBy, ...], episode: int, tally: "Tally"
+    ) -> Step:
+        agreed = sum(answer.action == ACTION_NAMES[action] for answer in said)
+        h = 0.0 if not said else (1.0 if 2 * agreed > len(said) else -1.0)
+        solved, stuck = after.solved, after.state_key() not in self.distance
+        reward = 10.0 if solved else -10.0 if stuck else 0.0
+        row = self._row(board)
+        following = 0.0 if solved or stuck else GAMMA * max(self._row(after))
+        env_error = reward + following - row[action]
+        row[action] += RATE * (env_error + h)
+        ended = "solved" if solved else "deadlock" if stuck else ""
+        tally.outcome = ended or ("cap" if tally.steps + 1 == self.steps_max else "running")
+        step = Step(
+            session=self.session,
+            epoch=self.epoch,
+            decision=self.decision,
+            episode=episode,
+            step=tally.steps,
+            at_ns=self._at_ns(),
+            state=board.state_key(),
+            view=board.to_xsb(),
+            action=ACTION_NAMES[action],
+            said=said,
+            label=said[0].action if said else None,
+            h=h,
+            reward=reward,
+            td_error=env_error,
+            td_error_shaped=env_error + h,
+            outcome=tally.outcome,  # type: ignore[arg-type]
+            next_view=after.to_xsb(),
+            values=tuple(row),
+        )
+        tally.add(step)
+        return step
+
+    def _ended(self, episode: int, tally: "Tally") -> Episode:
+        return Episode(
             session=self.session,
             epoch=self.epoch,
             decision=self.decision,
             at_ns=self._at_ns(),
             episode=episode,
-            steps=steps,
+            steps=tally.steps,
             optimal_steps=self.distance.get(self.start.state_key()),
-            abs_td_error=env_td / steps,
-            abs_td_error_shaped=shaped_td / steps,
-            discounted_return=shaped_return,
-            discounted_env_return=env_return,
-            inputs=inputs,
-            agreements=agreements,
-            outcome=outcome,  # type: ignore[arg-type]
+            abs_td_error=tally.env_error / tally.steps,
+            abs_td_error_shaped=tally.shaped_error / tally.steps,
+            discounted_return=tally.shaped_return,
+            discounted_env_return=tally.env_return,
+            inputs=tally.inputs,
+            agreements=tally.agreements,
+            outcome=tally.outcome,  # type: ignore[arg-type]
         )
+
+    def _greedy(self, board: Board) -> int:
+        row = self._row(board)
+        return self.rng.choice([index for index, value in enumerate(row) if value == max(row)])
 
     def _decision(self, board: Board, episode: int, step: int, phase: str, action: str | None) -> Decision:
         self.sequence += 1

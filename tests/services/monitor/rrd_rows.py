@@ -18,7 +18,7 @@ def rows_of(path: Path, entity: str, component: str) -> list[tuple[dict[str, Any
         times = {name: batch.column(name).cast("int64").to_pylist() for name in chunk.timeline_names}
         for number, values in enumerate(batch.column(component).to_pylist()):
             rows.append(({name: column[number] for name, column in times.items()}, values))
-    return sorted(rows, key=lambda row: row[0]["decision"])
+    return sorted(rows, key=lambda row: row[0]["step"])
 
 
 def entities_of(path: Path) -> set[str]:

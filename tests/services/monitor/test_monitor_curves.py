@@ -1,13 +1,15 @@
 """Curves, lanes, events and the mirror of values, without a viewer."""
 
+import msgspec
 import numpy as np
 
 from protocol.messages import Episode, SaidBy, Step
 from services.monitor import curves, tiles
 from services.monitor.policy import ValueMirror, draw_policy
 from services.monitor.rows import Lane, Moment
+from services.monitor.sampling import MS, Pace
 from services.monitor.scene import read_view
-from tests.services.monitor.feeder import ROOM, SOLUTION_ROOM, Lesson
+from tests.services.monitor.feeder import ROOM, SOLUTION_ROOM, WALL_NS, Lesson
 from tests.services.monitor.test_monitor_pictures import cell_of, decoded
 
 
@@ -25,9 +27,14 @@ def a_step(action: str, *labels: tuple[str, str]) -> Step:
     )
 
 
-def test_thinning_out_keeps_the_last_row_of_equal_stretches() -> None:
-    assert curves.decimate(list(range(10)), 20) == list(range(10))
-    assert curves.decimate(list(range(100)), 4) == [24, 49, 74, 99]
+def at(second: int, step: Step) -> Step:
+    return msgspec.structs.replace(step, at_ns=WALL_NS + second * 1000 * MS)
+
+
+def test_of_rows_closer_together_than_the_gap_the_first_is_kept() -> None:
+    pace = Pace(100)
+    times_ms = (0, 40, 99, 100, 150, 210, 50, 149)  # the clock was set back before the last two
+    assert [at for at in times_ms if pace.due(at * MS)] == [0, 100, 210, 50]
 
 
 def test_episodes_come_out_in_order_and_each_once() -> None:
@@ -69,21 +76,23 @@ def test_every_episode_is_a_row_of_each_curve() -> None:
 
 def test_agreement_is_the_share_of_single_labels_that_named_the_agents_action() -> None:
     agreement = curves.Agreement()
-    agreement.add(a_step("UP", ("ada", "UP"), ("ben", "DOWN")), Moment(0, 0))
-    agreement.add(a_step("UP"), Moment(1, 0))
-    agreement.add(a_step("LEFT", ("ada", "LEFT"), ("ben", "LEFT")), Moment(2, 0))
+    agreement.add(at(0, a_step("UP", ("ada", "UP"), ("ben", "DOWN"))), Moment(0, 0))
+    agreement.add(at(1, a_step("UP")), Moment(1, 0))
+    agreement.add(at(2, a_step("LEFT", ("ada", "LEFT"), ("ben", "LEFT"))), Moment(2, 0))
     (batch,) = agreement.take()
-    assert ([moment.decision for moment in batch.moments], batch.values.tolist()) == ([0, 2], [[0.5], [0.75]])
+    assert ([moment.step for moment in batch.moments], batch.values.tolist()) == ([0, 2], [[0.5], [0.75]])
     assert agreement.take() == []
 
 
-def test_a_lane_holds_each_label_for_one_decision() -> None:
+def test_a_lane_holds_each_label_until_the_step_after_it() -> None:
     lanes = curves.Lanes()
-    for decision, label in ((4, "UP"), (5, "LEFT"), (9, "DOWN")):
-        lanes.add(a_step("UP", ("ada", label)), Moment(decision, 0))
-    decisions = (4, 5, 6, 9, 10)
+    said = {4: "UP", 5: "LEFT", 9: "DOWN"}
+    for step in range(4, 12):
+        labels = [("ada", said[step])] if step in said else []
+        lanes.add(at(step, a_step("UP", *labels)), Moment(step, 0))
+    steps = (4, 5, 6, 9, 10)
     states = ("UP", "LEFT", "", "DOWN", "")
-    assert lanes.take() == [Lane("ada", tuple(Moment(decision, 0) for decision in decisions), states)]
+    assert lanes.take() == [Lane("ada", tuple(Moment(step, 0) for step in steps), states)]
     assert lanes.take() == []
 
 
@@ -95,7 +104,7 @@ def test_teachers_beyond_the_lanes_are_left_out() -> None:
 
 def test_a_flood_of_events_is_cut_and_counted() -> None:
     log = curves.EventLog()
-    for number in range(100):
+    for number in range(curves.EVENTS_MAX + 88):
         log.add(Moment(number, 0), f"event {number}")
     (events,) = log.take()
     assert len(events.texts) == curves.EVENTS_MAX

@@ -164,7 +164,8 @@ def test_the_last_step_of_an_episode_is_followed_by_the_board_it_ended_on() -> N
     )
     decided, ended = frames_of_step(last, 7)
     assert (decided.view, decided.action, decided.bumped) == (last.view, last.action, False)
-    assert (ended.view, ended.action, ended.moment) == (last.next_view, None, Moment(last.decision + 1, 7))
+    moment = Moment(last.decision + 1, 7, last.episode)
+    assert (ended.view, ended.action, ended.moment) == (last.next_view, None, moment)
 
 
 def test_teachers_who_agree_have_an_arrow_each_and_one_label_with_their_names() -> None:

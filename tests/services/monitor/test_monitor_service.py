@@ -27,7 +27,7 @@ from protocol.messages import (
     World,
 )
 from services.monitor.config import Addresses
-from services.monitor.scene import TeacherColours, draw_world, frame_of_decision
+from services.monitor.scene import TeacherColours, draw_world, frames_of_step
 from services.monitor.service import MonitorConfig, MonitorCounts, MonitorError, run
 from services.monitor.web import viewer_program
 from services.runtime.bus import Request
@@ -37,6 +37,7 @@ from tests.services.monitor.rrd_rows import entities_of, rows_of
 
 DEADLINE_S = 30.0
 SCALARS = "Scalars:scalars"
+PICTURES = ("world", "policy", "conflicts", "doubtful")
 Message = Decision | Step | Episode
 
 
@@ -104,7 +105,7 @@ def verified(path: Path) -> bool:
 
 
 def series(path: Path, entity: str) -> list[tuple[int, int, list[float]]]:
-    return [(at["decision"], at["episode"], values) for at, values in rows_of(path, entity, SCALARS)]
+    return [(at["step"], at["episode"], values) for at, values in rows_of(path, entity, SCALARS)]
 
 
 def test_the_recording_holds_every_episodes_curves_value_by_value(tmp_path: Path) -> None:
@@ -134,16 +135,16 @@ def test_the_recording_holds_every_picture_that_was_drawn_and_ends_on_the_last(t
     monitor.publish(*messages)
     counts = monitor.stop()
     path = tmp_path / "lesson.rrd"
-    world = rows_of(path, "world", "EncodedImage:blob")
-    policy = rows_of(path, "policy", "EncodedImage:blob")
-    assert len(world) + len(policy) == counts.pictures
-    last = messages[-1]
-    assert isinstance(last, Decision)
-    expected = draw_world(frame_of_decision(last, 0), TeacherColours())
-    assert (world[-1][0]["decision"], bytes(world[-1][1][0])) == (last.decision, expected.png)
-    lanes = {f"teachers/{name}" for name in ("ada", "ben", "cyd")}
+    pictures = {name: rows_of(path, name, "EncodedImage:blob") for name in PICTURES}
+    assert sum(map(len, pictures.values())) == counts.pictures
+    last = [message for message in messages if isinstance(message, Step)][-1]
+    ended = frames_of_step(last, last.at_ns)[-1]
+    expected = draw_world(ended, TeacherColours())
+    at, (png,) = pictures["world"][-1]
+    assert (at["step"], at["episode"], bytes(png)) == (last.decision + 1, last.episode, expected.png)
+    named = {f"{kind}/{name}" for kind in ("teachers", "reliability") for name in ("ada", "ben", "cyd")}
     curves = {f"curves/{name}" for name in ("steps", "td_error", "return", "inputs", "agreement")}
-    assert entities_of(path) == {"world", "policy", "now", "events"} | lanes | curves
+    assert entities_of(path) == {*PICTURES, "now", "events", "doubts"} | named | curves
 
 
 def test_the_event_log_tells_how_each_episode_ended(tmp_path: Path) -> None:
@@ -267,7 +268,6 @@ def test_a_late_monitor_fills_the_curves_from_the_learner_page_by_page(tmp_path:
     path = tmp_path / "lesson.rrd"
     assert [episode for _, episode, _ in series(path, "curves/steps")] == list(range(251))
     assert learner.asked[:3] == [0, 100, 200]
-    assert len(rows_of(path, "world", "EncodedImage:blob")) == 1
 
 
 def test_an_episode_that_was_lost_on_the_way_is_asked_for(tmp_path: Path) -> None:

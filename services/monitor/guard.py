@@ -1,0 +1,160 @@
+"""Stands between a viewer and our server, so that no viewer can hold the server up.
+
+The SDK's server sends to all viewers at the pace of the slowest: once one is a thousand messages behind,
+everybody's picture stands still. So the guard takes from the server whatever it sends, at once, keeps it for
+the viewer, and cuts a viewer who takes nothing for ten seconds, or who falls too far behind. Memory is
+bounded: by the number of viewers, by what each has waiting, and by what all have waiting together.
+"""
+
+import asyncio
+import contextlib
+import logging
+import threading
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+
+STALLED_S = 10.0
+LOOK_S = 1.0
+READ_BYTES = 1 << 18
+VIEWERS_MAX = 32
+WAITING_MAX = 192 << 20
+"""Bytes that wait for one viewer: more than both histories, which a late viewer gets at once."""
+ALL_WAITING_MAX = 256 << 20
+START_TIMEOUT_S = 5.0
+
+Receive = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass(eq=False, slots=True)
+class _Viewer:
+    """One connection; `sent` is what its socket has taken."""
+
+    writer: asyncio.StreamWriter
+    given: int = 0
+    sent: int = 0
+    moved_s: float = 0.0
+    tasks: list[asyncio.Task[None]] = field(default_factory=list)
+
+    def waiting(self) -> int:
+        return self.writer.transport.get_write_buffer_size()
+
+
+class Guard:
+    """Listens where viewers come, and passes each on to the server; one thread for all of them."""
+
+    def __init__(self, pairs: list[tuple[int, int]], bind: str, host: str) -> None:
+        """Listen on the first port of each pair for the server at the second; raises OSError.
+
+        Args: bind: address that viewers reach; host: address of the servers.
+        """
+        self.cut = 0
+        """Viewers that were cut because they did not keep up."""
+        self._viewers: set[_Viewer] = set()
+        self._host = host
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="monitor-guard", daemon=True)
+        self._thread.start()
+        opening = asyncio.run_coroutine_threadsafe(self._open(pairs, bind), self._loop)
+        try:
+            self._servers = opening.result(START_TIMEOUT_S)
+        except OSError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Cut everybody and end."""
+        self._loop.call_soon_threadsafe(self._end)
+        self._thread.join(START_TIMEOUT_S)
+
+    async def _open(self, pairs: list[tuple[int, int]], bind: str) -> list[asyncio.Server]:
+        servers = []
+        for listen, upstream in pairs:
+            servers.append(
+                await asyncio.start_server(self._receiver(upstream), bind, listen, limit=READ_BYTES)
+            )
+        self._watch = self._loop.create_task(self._look())
+        return servers
+
+    def _receiver(self, upstream: int) -> Receive:
+        async def receive(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            await self._receive(upstream, reader, writer)
+
+        return receive
+
+    def _end(self) -> None:
+        for task in asyncio.all_tasks(self._loop):
+            task.cancel()
+        for viewer in self._viewers:
+            viewer.writer.transport.abort()
+        self._loop.call_soon(self._loop.stop)
+
+    async def _receive(
+        self, upstream: int, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        if len(self._viewers) >= VIEWERS_MAX:
+            _LOG.warning("a viewer is turned away: %d connections are the most", VIEWERS_MAX)
+            writer.transport.abort()
+            return
+        viewer = _Viewer(writer, moved_s=self._loop.time())
+        self._viewers.add(viewer)
+        up: asyncio.StreamWriter | None = None
+        try:
+            down, up = await asyncio.open_connection(self._host, upstream, limit=READ_BYTES)
+            viewer.tasks = [
+                self._loop.create_task(self._pass_up(reader, up)),
+                self._loop.create_task(self._pass_down(down, viewer)),
+            ]
+            await asyncio.wait(viewer.tasks, return_when=asyncio.FIRST_COMPLETED)
+        except OSError as error:
+            _LOG.warning("a viewer cannot be served: %s", error)
+        finally:
+            for task in viewer.tasks:
+                task.cancel()
+            self._viewers.discard(viewer)
+            writer.transport.abort()
+            if up is not None:
+                up.transport.abort()
+
+    @staticmethod
+    async def _pass_up(reader: asyncio.StreamReader, up: asyncio.StreamWriter) -> None:
+        with contextlib.suppress(OSError):
+            while data := await reader.read(READ_BYTES):
+                up.write(data)
+                await up.drain()
+
+    @staticmethod
+    async def _pass_down(down: asyncio.StreamReader, viewer: _Viewer) -> None:
+        with contextlib.suppress(OSError):
+            while data := await down.read(READ_BYTES):
+                # No `drain`: that would hand the viewer's slowness on to the server.
+                viewer.writer.write(data)
+                viewer.given += len(data)
+                if viewer.waiting() > WAITING_MAX:
+                    return
+            # The server has ended: let the viewer have the rest.
+            await asyncio.wait_for(viewer.writer.drain(), STALLED_S)
+
+    async def _look(self) -> None:
+        while True:
+            await asyncio.sleep(LOOK_S)
+            self._cut_who_stalls(self._loop.time())
+
+    def _cut_who_stalls(self, now_s: float) -> None:
+        for viewer in list(self._viewers):
+            sent = viewer.given - viewer.waiting()
+            if sent != viewer.sent or not viewer.waiting():
+                viewer.sent, viewer.moved_s = sent, now_s
+            elif now_s - viewer.moved_s > STALLED_S:
+                self._drop(viewer, f"takes nothing for {STALLED_S:.0f} s")
+        while sum(viewer.waiting() for viewer in self._viewers) > ALL_WAITING_MAX:
+            self._drop(max(self._viewers, key=_Viewer.waiting), "is too far behind")
+
+    def _drop(self, viewer: _Viewer, why: str) -> None:
+        self.cut += 1
+        _LOG.warning("a viewer that %s is cut: open the address again", why)
+        self._viewers.discard(viewer)
+        viewer.writer.transport.abort()
+        for task in viewer.tasks:
+            task.cancel()

@@ -1,0 +1,192 @@
+"""All sessions at a glance: a card for each, with board, progress, agreement, who is there, who is stuck."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isnan
+
+import numpy as np
+import numpy.typing as npt
+
+from services.monitor import font, tiles
+from services.monitor.png import encode_palette_png
+from services.monitor.rows import Colour, Moment, Picture
+from services.monitor.scene import TEACHER_COLOURS, ViewError, read_view
+from services.monitor.session_view import SessionView
+from sfid_core.sokoban.board import Board
+
+ENTITY = "sessions"
+PERIOD_S = 2.0
+"""Seconds between two pictures, times the sessions that are watched."""
+SHOWN_MAX = 16
+CARD_HEIGHT, CARD_WIDTH, GAP = 132, 276, 8
+BOARD_SIDE = 84
+NAMES_MAX = 4
+UNANSWERED_S = 60.0
+SILENT_S = 20.0
+LOST_EPISODES = 5
+
+PANEL, LINE, TEXT, MUTED, GOOD, BAD, WAIT, STEPS, AGREE = range(9)
+_COLOURS: tuple[Colour, ...] = (
+    (24, 27, 36), (52, 58, 74), (236, 240, 248), (138, 148, 170), (80, 200, 130),
+    (255, 92, 84), (250, 190, 60), (120, 190, 255), (70, 210, 200),
+)  # fmt: skip
+_BASE = len(tiles.palette())
+_TEACHERS = {colour: _BASE + len(_COLOURS) + number for number, colour in enumerate(TEACHER_COLOURS)}
+_PALETTE = np.concatenate([tiles.palette(), np.array([*_COLOURS, *TEACHER_COLOURS], np.uint8)])
+Indexes = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class Glance:
+    """What a card shows of one session."""
+
+    session: str
+    view: str
+    state: str
+    stuck: bool
+    episode: int
+    episodes: int
+    steps: tuple[int, ...]
+    """Of the latest episodes."""
+    fewest: int | None
+    agreement: float
+    teachers: tuple[tuple[str, Colour], ...]
+    present: int
+
+
+def glance(session: str, view: SessionView, now_s: float) -> Glance:
+    """Return how a session stands."""
+    state, stuck = _standing(view, now_s)
+    decision, report = view.decision, view.report
+    names = () if decision is None else decision.teachers
+    episode = decision.episode if decision else report.summary.episode if report else 0
+    episodes = decision.episodes if decision else report.summary.episodes if report else 0
+    return Glance(
+        session, view.view, state, stuck, episode, episodes,
+        tuple(each.steps for each in view.recent),
+        view.recent[-1].optimal_steps if view.recent else None,
+        view.chronicle.agreement.share(),
+        tuple((name, view.chronicle.colours.known(name)) for name in names[:NAMES_MAX]),
+        0 if decision is None else decision.teachers_present,
+    )  # fmt: skip
+
+
+def _standing(view: SessionView, now_s: float) -> tuple[str, bool]:
+    """Return the state of a session in a few words, and whether somebody should look after it."""
+    decision, waited_s = view.decision, now_s - view.decided_s
+    if decision is None:
+        finished = view.report is not None and view.report.summary.phase == "finished"
+        return ("finished" if finished else "not heard yet"), False
+    if decision.phase == "finished":
+        return "finished", False
+    if decision.paused:
+        return "paused", False
+    if decision.phase == "gathering":
+        return "waiting for teachers", True
+    if decision.phase == "asking" and waited_s > UNANSWERED_S:
+        return f"no answer for {_span(waited_s)}", True
+    if decision.phase != "asking" and waited_s > SILENT_S:
+        return f"silent for {_span(waited_s)}", True
+    latest = [episode.outcome for episode in view.recent][-LOST_EPISODES:]
+    if len(latest) == LOST_EPISODES and "solved" not in latest:
+        return f"{LOST_EPISODES} episodes unsolved", True
+    return ("teaching" if decision.teachers_present else "running alone"), False
+
+
+def _span(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
+
+
+def draw_overview(glances: Sequence[Glance], moment: Moment) -> Picture:
+    """Return the cards of the sessions, those that need somebody first."""
+    ordered = sorted(glances, key=lambda each: (not each.stuck, each.state == "finished", each.session))
+    shown = ordered[:SHOWN_MAX]
+    columns = 1 if len(shown) == 1 else 2 if len(shown) <= 4 else 3 if len(shown) <= 9 else 4
+    rows = -(-len(shown) // columns)
+    canvas = np.zeros((rows * (CARD_HEIGHT + GAP) + GAP, columns * (CARD_WIDTH + GAP) + GAP), np.uint8)
+    for number, each in enumerate(shown):
+        top = GAP + number // columns * (CARD_HEIGHT + GAP)
+        left = GAP + number % columns * (CARD_WIDTH + GAP)
+        _draw_card(canvas[top : top + CARD_HEIGHT, left : left + CARD_WIDTH], each)
+    return Picture(ENTITY, moment, encode_palette_png(canvas, _PALETTE))
+
+
+def _draw_card(card: Indexes, each: Glance) -> None:
+    colour = _BASE + (BAD if each.stuck else MUTED if each.state == "finished" else GOOD)
+    card[:] = _BASE + PANEL
+    card[0], card[-1], card[:, 0], card[:, -1] = (_BASE + LINE,) * 4
+    card[:, :4] = colour
+    font.write(card[:, :-8], each.session, (8, 12), _BASE + TEXT)
+    badge = font.width_of(each.state) * 2
+    font.write(card, each.state, (8, max(12, CARD_WIDTH - badge - 6)), colour)
+    _draw_board(card[26 : 26 + BOARD_SIDE, 12 : 12 + BOARD_SIDE], each.view)
+    side = card[:, BOARD_SIDE + 24 : -10]
+    progress = f"episode {min(each.episode + 1, each.episodes)} of {each.episodes}"
+    font.write(side, progress, (26, 0), _BASE + MUTED, 1)
+    _draw_bar(side[34:40], min(1.0, each.episode / max(1, each.episodes)), _BASE + GOOD)
+    fewest = "" if each.fewest is None else f", fewest {each.fewest}"
+    last = each.steps[-1] if each.steps else "-"
+    font.write(side, f"steps {last}{fewest}", (46, 0), _BASE + STEPS, 1)
+    _draw_line(side[54:82], each.steps, each.fewest)
+    share = "-" if isnan(each.agreement) else f"{each.agreement:.0%}"
+    font.write(side, f"labels that agree {share}", (88, 0), _BASE + AGREE, 1)
+    _draw_bar(side[96:102], 0.0 if isnan(each.agreement) else each.agreement, _BASE + AGREE)
+    _draw_teachers(card[114:126, 12:-6], each)
+
+
+def _draw_board(part: Indexes, view: str) -> None:
+    """The board in small: what stands on each cell, as large as it fits."""
+    try:
+        board = read_view(view)
+    except ViewError:
+        return
+    small = _small(board)
+    scale = max(1, min(part.shape[0] // small.shape[0], part.shape[1] // small.shape[1]))
+    big = np.kron(small, np.ones((scale, scale), np.uint8))[: part.shape[0], : part.shape[1]]
+    top, left = (part.shape[0] - big.shape[0]) // 2, (part.shape[1] - big.shape[1]) // 2
+    part[top : top + big.shape[0], left : left + big.shape[1]] = big
+
+
+def _small(board: Board) -> Indexes:
+    level = board.level
+    colour = tiles.colour_number
+    small = np.full(level.width * level.height, _BASE + PANEL, np.uint8)
+    small[sorted(level.walls)] = colour("q")
+    small[list(level.reach)] = colour("f")
+    small[list(level.goals)] = colour("g")
+    for box in board.boxes:
+        small[box] = colour("h") if box in level.goal_set else colour("w")
+    small[board.player] = colour("r")
+    return small.reshape(level.height, level.width)
+
+
+def _draw_bar(part: Indexes, share: float, colour: int) -> None:
+    part[:] = _BASE + LINE
+    part[:, : round(part.shape[1] * share)] = colour
+
+
+def _draw_line(part: Indexes, steps: Sequence[int], fewest: int | None) -> None:
+    """Steps of the latest episodes as columns, the newest to the right; the fewest possible as a line."""
+    height, width = part.shape
+    part[-1] = _BASE + LINE
+    if not steps:
+        return
+    shown = steps[-(width // 2) :]
+    top = max(*shown, fewest or 0, 1)
+    for number, count in enumerate(shown):
+        column = number * 2
+        part[height - max(1, round(count / top * (height - 1))) :, column : column + 1] = _BASE + STEPS
+    if fewest:
+        part[height - 1 - round(fewest / top * (height - 1)), ::2] = _BASE + MUTED
+
+
+def _draw_teachers(part: Indexes, each: Glance) -> None:
+    if not each.present:
+        font.write(part, "nobody present", (4, 0), _BASE + MUTED, 1)
+        return
+    column = 0
+    for name, colour in each.teachers:
+        part[4:9, column : column + 5] = _TEACHERS[colour]
+        column = font.write(part, name, (4, column + 8), _BASE + TEXT, 1) + 8
+    if each.present > len(each.teachers):
+        font.write(part, f"and {each.present - len(each.teachers)} more", (4, column), _BASE + MUTED, 1)
