@@ -1,0 +1,57 @@
+"""Many seeds at once: the numbers of a seed do not depend on whom it is run beside, nor on the compiler."""
+
+import numpy as np
+import pytest
+
+from sfid_core.chance import stream
+from sfid_core.compiled import compiler_available
+from sfid_core.experiments import figure2, learners
+from sfid_core.experiments.batch import Batch
+from sfid_core.experiments.condition import Condition, results_sha256
+from sfid_core.session.config import SessionConfig, WorldSpec
+from sfid_core.sokoban.levels import packaged
+from sfid_core.teaching.personas import persona_named
+
+ROOM = packaged("room")[0].to_xsb()
+WORLD = WorldSpec(ROOM, "room", "all")
+SEEDS = range(6)
+
+
+def checked(method: str = "sfid", teacher: str = "noisy") -> Condition:
+    (condition,) = learners.conditions(WORLD, [method], [teacher])
+    return condition
+
+
+@pytest.mark.parametrize("size", [1, 2, 5])
+def test_a_seed_has_the_same_results_in_a_batch_of_any_size(size: int) -> None:
+    for condition in (*figure2.conditions(WORLD), checked()):
+        batch = condition.batch(fast=False)
+        whole = condition.run(batch, SEEDS)
+        parts = [condition.run(batch, SEEDS[first : first + size]) for first in range(0, len(SEEDS), size)]
+        assert results_sha256([whole]) == results_sha256([np.concatenate(parts)])
+
+
+@pytest.mark.skipif(not compiler_available(), reason="numba is not installed")
+def test_compiled_runs_have_the_same_bits() -> None:
+    for condition in (*figure2.conditions(WORLD), checked()):
+        plain, fast = (condition.run(condition.batch(fast=fast), SEEDS) for fast in (False, True))
+        assert results_sha256([plain]) == results_sha256([fast])
+
+
+def test_success_at_a_checkpoint_is_that_of_a_session_that_ends_there() -> None:
+    condition = checked()
+    found = condition.run(condition.batch(fast=False), SEEDS)
+    for place, episodes in enumerate(learners.CHECKPOINTS[:2]):
+        config = SessionConfig("learners", WORLD, "sfid", episodes=episodes)
+        for seed in SEEDS:
+            batch = Batch(config, {"teacher": persona_named("noisy")}, fast=False)
+            rows = batch.run([seed])[0]
+            states = np.flatnonzero(batch.tables.optimal_steps > 0).tolist()
+            success = batch.greedy_share(states, stream(seed, "greedy", "learners"), WORLD.steps_max)
+            assert found[seed, place].tolist() == [success, rows[:, 5].sum(), rows[:, 0].sum()]
+
+
+def test_what_another_condition_is_called_does_not_change_what_is_kept_of_it() -> None:
+    plain = checked()
+    assert Condition("other", plain.config, plain.teachers, plain.checkpoints, "x").digest == plain.digest
+    assert Condition("other", plain.config, plain.teachers).digest != plain.digest

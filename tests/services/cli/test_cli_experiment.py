@@ -1,0 +1,154 @@
+"""`sfid experiment` and `sfid replay --method` as a person runs them."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.services.cli.command_line import kill, running, sfid, wait_for
+
+HOPELESS = "#####\n#@$ #\n# . #\n#####\n"
+
+
+def document(*arguments: str) -> dict[str, Any]:
+    done = sfid("experiment", *arguments, "--no-compile", "--json")
+    assert done.code == 0, done.stderr
+    told: dict[str, Any] = json.loads(done.stdout)
+    return told
+
+
+def test_figure2_tells_conditions_with_intervals_and_claims() -> None:
+    told = document("figure2", "--seeds", "10")
+    assert set(told) == {"seeds", "seconds", "sha256", "conditions", "claims", "files"}
+    assert [(one["method"], one["teacher"]) for one in told["conditions"]] == [
+        ("sfid", "expert"), ("reward", "expert"), ("sfid", "naive"), ("reward", "naive"),
+    ]  # fmt: skip
+    for one in told["conditions"]:
+        for name in ("steps", "abs_td_error", "discounted_return", "inputs", "solved"):
+            assert len(one[name]) == len(one[f"{name}_ci"]) == 30
+    assert all({"claim", "holds", "difference", "ci"} <= set(claim) for claim in told["claims"])
+    summed = [claim for claim in told["claims"] if claim["claim"].endswith("(nearest: sfid, naive)")]
+    assert any("summed over an episode" in claim["claim"] for claim in summed)
+    again = document("figure2", "--seeds", "10", "--workers", "1")
+    assert again["sha256"] == told["sha256"]
+    assert again["claims"] == told["claims"]
+
+
+def test_learners_runs_on_one_two_and_three_boxes(tmp_path: Path) -> None:
+    levels = ("room", "two-boxes", "three-boxes")
+    flags = [part for level in levels for part in ("--level", level)]
+    told = document("learners", "--seeds", "2", "--methods", "sfid", "--teachers", "oracle", *flags)
+    assert [cell["level"] for cell in told["cells"]] == list(levels)
+    for cell in told["cells"]:
+        assert (cell["method"], cell["teacher"]) == ("sfid", "oracle")
+        assert set(cell["success"]) == {"30", "100", "300"}
+        for mean, lo, hi in (*cell["success"].values(), cell["inputs"]):
+            assert lo <= mean <= hi
+        assert cell["success"]["300"][0] > cell["success"]["30"][0]
+
+
+def test_an_experiment_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    run = ("experiment", "learners", "--methods", "sfid,dagger,reward", "--teachers", "oracle",
+           "--seeds", "100", "--no-compile", "--workers", "1", "--json")  # fmt: skip
+    folder = tmp_path / "out"
+    with running(*run, "--out", str(folder)) as process:
+        wait_for("a finished chunk", lambda: any((folder / "chunks").glob("*.npy")))
+        kill(process.pid)
+        process.wait()
+    before = {path.name: path.stat().st_mtime_ns for path in (folder / "chunks").glob("*.npy")}
+    assert 0 < len(before) < 6
+    resumed = sfid(*run, "--out", str(folder))
+    assert resumed.code == 0, resumed.stderr
+    after = {path.name: path.stat().st_mtime_ns for path in (folder / "chunks").glob("*.npy")}
+    assert len(after) == 6
+    assert {name: after[name] for name in before} == before
+    told = json.loads(resumed.stdout)
+    files = {Path(path).name for path in told["files"]}
+    assert {"seeds.csv", "seeds.parquet", "learners-30.png", "learners-300.svg", "codebook.md"} <= files
+    assert document(*run[1:-2])["sha256"] == told["sha256"]
+
+
+def test_guidance_and_circuits_tell_their_claims() -> None:
+    guidance = document("guidance", "--seeds", "10")
+    assert {one["room"] for one in guidance["benefits"]} == {"4x4", "5x5", "6x6", "7x7"}
+    assert all(one["ci"][0] <= one["ratio"] <= one["ci"][1] for one in guidance["benefits"])
+    assert sum("grows with the room" in claim["claim"] for claim in guidance["claims"]) == 2
+    circuits = document("circuits", "--seeds", "4")
+    least = {(row["gamma"], row["omega"]): row["goal_reward_min"] for row in circuits["minima"]}
+    assert least[0.9, "+1/-1"] == pytest.approx(1.8, abs=0.1)
+    assert [one["trapped"] for one in circuits["cases"]][:2] == [True, True]
+
+
+@pytest.mark.parametrize(
+    "arguments,words",
+    [
+        (("figure2", "--seeds", "1"), "seeds 1 is outside 2 to"),
+        (("figure2", "--seed", "-1"), "seed -1 is outside 0 to 2^53-1"),
+        (("figure2", "--workers", "-1"), "workers -1 is negative: 0 takes one a core"),
+        (("figure2", "--starts", "500"), "starts: 500 asked for, but the level has only 192"),
+        (("learners", "--methods", "sfid,foo"), "unknown method 'foo': choose from"),
+        (("learners", "--teachers", "foo"), "unknown teacher 'foo': choose from"),
+        (("learners", "--level", "nowhere"), "no level 'nowhere'"),
+        (("learners", "--starts", "some"), "starts 'some' is unknown"),
+    ],
+)
+def test_a_bad_option_is_one_line_with_the_mend(arguments: tuple[str, ...], words: str) -> None:
+    done = sfid("experiment", *arguments)
+    assert (done.code, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+    assert words in done.stderr
+
+
+@pytest.mark.parametrize("command", ["figure2", "learners", "circuits"])
+def test_a_level_without_a_solution_is_refused(tmp_path: Path, command: str) -> None:
+    path = tmp_path / "hopeless.xsb"
+    path.write_text(HOPELESS)
+    done = sfid("experiment", command, "--level", str(path))
+    assert (done.code, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert "solv" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "parameter,words",
+    [
+        ("alpha=0", "alpha 0.0 is outside (0, 1]: the default is 0.1"),
+        ("alpha=2", "alpha 2.0 is outside (0, 1]"),
+        ("gamma=1", "gamma 1.0 is outside [0, 1)"),
+        ("explore=-0.1", "explore -0.1 is outside [0, 1]"),
+        ("alhpa=0.1", "method sfid has no parameter 'alhpa': it has alpha"),
+        ("omega=other", "omega 'other' is unknown: choose one of graded"),
+        ("alpha", "parameter 'alpha' has no value: write NAME=VALUE"),
+    ],
+)
+def test_a_bad_parameter_of_a_session_is_one_line_with_the_mend(parameter: str, words: str) -> None:
+    done = sfid("session", "create", "s1", "-p", parameter)
+    assert (done.code, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert words in done.stderr
+
+
+@pytest.mark.real
+def test_a_recorded_session_is_replayed_under_another_method(tmp_path: Path) -> None:
+    data = str(tmp_path / "data")
+    played = sfid("demo", "--no-viewer", "--json", "--episodes", "3", "--data", data)
+    assert played.code == 0, played.stderr
+    q_sha256 = json.loads(played.stdout)["q_sha256"]
+    told = json.loads(sfid("replay", data, "--method", "sfid-memory", "-p", "alpha=0.2", "--json").stdout)
+    assert (told["off_policy"], told["parameters"]) == (True, {"alpha": 0.2})
+    (session,) = told["sessions"]
+    assert (session["recorded"]["method"], session["recorded"]["q_sha256"]) == ("sfid", q_sha256)
+    assert session["other"]["method"] == "sfid-memory"
+    assert session["other"]["q_sha256"] != q_sha256
+    assert 0 <= session["other"]["success"] <= 1
+    itself = json.loads(sfid("replay", data, "--method", "sfid", "--json").stdout)
+    assert itself["sessions"][0]["other"] == itself["sessions"][0]["recorded"]
+    assert sfid("replay", data, "--method", "sfid").stdout.startswith("off-policy: ")
+    for arguments, words in (
+        (("--method", "reward"), "asks for reward, the session's sfid asked for label"),
+        (("--method", "sfid", "--verify"), "leave out --method"),
+        (("-p", "alpha=0.2"), "name it with --method"),
+    ):
+        done = sfid("replay", data, *arguments)
+        assert (done.code, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+        assert words in done.stderr
