@@ -20,6 +20,7 @@ from services.screens import FINISHED, FlowRefusal, Person
 from services.study.book import Book, study_folder
 from services.study.definition_file import read_study, template
 from services.study.flow import StudyFlow
+from services.study.reading import read_courses
 from services.study.sessions import Sessions, session_config
 from sfid_core.study.definition import Recruiter, Study
 from sfid_core.study.effort import SCALES
@@ -258,3 +259,18 @@ def test_status_without_data_says_how_to_begin(tmp_path: Path) -> None:
     )
     assert result.exit_code == 1
     assert not json.dumps(result.stdout).strip('"')
+
+
+def test_an_event_is_on_the_disk_before_the_next_screen_is_shown(tmp_path: Path) -> None:
+    flow, book, _ = opened(tmp_path, recruiter="prolific")
+    flow.arrive(ANN, {"PROLIFIC_PID": "x1"})
+    assert read_courses(tmp_path / "data", "maze")[1].keys() == {ANN.pseudonym}
+    flow.submit(ANN, "consent", "agree", {"agreed": True})
+    (course,) = read_courses(tmp_path / "data", "maze")[1].values()
+    assert (course.progress.number, course.progress.code) == (0, book.progress(ANN.pseudonym).code)
+    folder = study_folder(tmp_path / "data", "maze")
+    assert "x1" in (folder / "people.json").read_text()
+    flow.submit(ANN, "practice-intro", "stop", {})
+    flow.submit(ANN, "stop", "stop-delete", {})
+    assert json.loads((folder / "people.json").read_text()) == {}
+    book.close()
