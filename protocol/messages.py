@@ -11,8 +11,6 @@ from msgspec import Meta, Struct
 
 Schema = Literal[1]
 SCHEMA: Schema = 1
-UNDO = "UNDO"
-"""In place of an action's name: the environment takes the last step back."""
 # \Z and not $: a dollar also matches before a line feed at the end, and "ann\n" would be a name.
 Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,47}\Z")]
 ActionName = Annotated[str, Meta(pattern=r"^[A-Z][A-Z0-9_]{0,31}\Z")]
@@ -362,52 +360,3 @@ class JournalRows(Wire, frozen=True, kw_only=True, tag="journal-rows"):
     """The last row that this reply covers: what to ask for next."""
     whole: bool
     """Whether there was nothing after these rows."""
-
-
-# ---------------------------------------------------------------- learner -> environment, and its replies
-
-
-class Begin(Wire, frozen=True, kw_only=True, tag="begin"):
-    """Begin an episode; `actions` already taken are executed again (a restored environment)."""
-
-    session: Name
-    epoch: Count
-    episode: Count
-    seed: Count
-    world: World
-    actions: Annotated[tuple[ActionName, ...], Meta(max_length=1_000_000)] = ()
-
-
-class Begun(Wire, frozen=True, kw_only=True, tag="begun"):
-    """The environment stands where the learner asked it to."""
-
-    episode: Count
-    step: Count
-    state: StateKey
-    view: View
-    optimal_steps: Count | None = None
-    actions: ActionNames
-
-
-class ExecuteAction(Wire, frozen=True, kw_only=True, tag="execute"):
-    """Execute an action, exactly once by decision: a repeat is answered with the same result."""
-
-    session: Name
-    epoch: Count
-    decision: Count
-    episode: Count
-    step: Count
-    state: StateKey
-    action: ActionName
-
-
-class Executed(Wire, frozen=True, kw_only=True, tag="executed"):
-    """The action was executed."""
-
-    decision: Count
-    reward: Finite
-    outcome: OutcomeName
-    state: StateKey
-    view: View
-    optimal_steps: Count | None = None
-    """Fewest steps from the new state; null where there is no way or nobody knows."""

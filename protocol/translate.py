@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from protocol import messages as wire
+from protocol.world_messages import UNDO
 from sfid_core.session.config import SessionConfig, Window, WindowMode, WorldSpec
 from sfid_core.session.events import AnswerGiven
 from sfid_core.session.measures import EpisodeMeasures, LabelCounts, StepMeasures
@@ -110,7 +111,7 @@ def _posterior(posterior: Mapping[str, float], numbers: Mapping[str, int]) -> tu
 
 def named(action: int, actions: Sequence[str]) -> str:
     """Return the name of an action by its index; the index behind the last takes the last step back."""
-    return actions[action] if action < len(actions) else wire.UNDO
+    return actions[action] if action < len(actions) else UNDO
 
 
 def decision_message(session: Session, actions: Sequence[str], sequence: int, at_ns: int) -> wire.Decision:

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 
 from protocol.codec import DecodeError, decode, encode
 from protocol.keys import Keys
-from protocol.messages import UNDO, Begin, Begun, ExecuteAction, Executed, Refusal, Wire
+from protocol.messages import Refusal, Wire
 from protocol.messages import World as WorldSpec
+from protocol.world_messages import UNDO, Begin, Begun, ExecuteAction, Executed
 from services.runtime.bus import Bus, Request
 from sfid_core.outcome import Outcome
 from sfid_core.sokoban.actions import Action

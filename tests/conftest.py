@@ -8,6 +8,6 @@ from services.runtime.sources import core_digest
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    kept = config.cache.mkdir(f"kernels-{core_digest()[:16]}") if config.cache else None
-    if kept is not None:
-        os.environ.setdefault("NUMBA_CACHE_DIR", str(kept))
+    cache: pytest.Cache | None = getattr(config, "cache", None)  # there is none with `-p no:cacheprovider`
+    if cache is not None:
+        os.environ.setdefault("NUMBA_CACHE_DIR", str(cache.mkdir(f"kernels-{core_digest()[:16]}")))

@@ -6,8 +6,9 @@ import logging
 from typing import TYPE_CHECKING, NamedTuple
 
 from protocol.codec import DecodeError, decode, encode
-from protocol.messages import Begin, Begun, ExecuteAction, Executed, Refusal, Wire
+from protocol.messages import Refusal, Wire
 from protocol.translate import named
+from protocol.world_messages import Begin, Begun, ExecuteAction, Executed
 from sfid_core.outcome import Outcome
 from sfid_core.session.events import EpisodeBegan, StepTaken, Stopped
 from sfid_core.session.state import Phase

@@ -33,8 +33,8 @@ def keep_machine_code(directory: Path) -> None:
     if compiler_available():
         import numba  # noqa: PLC0415 - half a second to load, and optional
 
-        if numba.config.CACHE_DIR:  # type: ignore[attr-defined] - made at run time
+        if getattr(numba.config, "CACHE_DIR", ""):
             return
         kept = directory / f"kernels-{core_digest()[:16]}"
         kept.mkdir(parents=True, exist_ok=True)
-        numba.config.CACHE_DIR = str(kept)  # type: ignore[attr-defined] - made at run time
+        setattr(numba.config, "CACHE_DIR", str(kept))  # noqa: B010 - its settings are made at run time

@@ -8,16 +8,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from protocol.codec import DecodeError, decode, unpack
-from protocol.messages import (
-    Acknowledgement,
-    Answer,
-    Episode,
-    ExecuteAction,
-    Executed,
-    SessionReport,
-    Step,
-    Wire,
-)
+from protocol.messages import Acknowledgement, Answer, Episode, SessionReport, Step, Wire
+from protocol.world_messages import ExecuteAction, Executed
 from services.simulate.nodes import KEYS
 from services.simulate.scenario import SESSION
 from services.simulate.stage import History

@@ -38,8 +38,8 @@ def merge(answers: Sequence[Answer], actions: int, delay_ms: float) -> Evidence:
 def _alone(answer: Answer, actions: int, delay_ms: float) -> Evidence:
     """Return what one answer says: one teacher alone is taken at their word."""
     if answer.kind is AnswerKind.LABEL and answer.action is not None:
-        belief = answer.posterior or ONE_HOT[actions][answer.action]
-        return Evidence(given=1, label=answer.action, belief=belief, delay_ms=delay_ms)
+        certain: Sequence[float] = ONE_HOT[actions][answer.action]
+        return Evidence(given=1, label=answer.action, belief=answer.posterior or certain, delay_ms=delay_ms)
     if answer.kind is AnswerKind.REWARD and answer.reward:
         return Evidence(given=1, belief=_nowhere(actions), reward=answer.reward, delay_ms=delay_ms)
     if answer.kind is AnswerKind.UNDO:
@@ -89,8 +89,10 @@ def merge_rewards(answers: Iterable[Answer]) -> float | None:
 def merge_marks(answers: Iterable[Answer]) -> Answer | None:
     """Return the mark (stretch and correction) that most teachers made, or None for none or a tie."""
     votes = Counter(answer for answer in answers if answer.kind is AnswerKind.MISTAKE)
-    (mark, most), *others = votes.most_common(2) or [(None, 0)]
-    return None if others and others[0][1] == most else mark
+    ranked = votes.most_common(2)
+    if not ranked or (len(ranked) > 1 and ranked[0][1] == ranked[1][1]):
+        return None
+    return ranked[0][0]
 
 
 def merge_guidance(answers: Iterable[Answer]) -> int:

@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 from msgspec import inspect
 
-from protocol import messages
+from protocol import messages, world_messages
 from protocol.codec import encode, pack, unpack
 from protocol.messages import Acknowledgement, Wire
 from tests.protocol.samples import LABEL
@@ -162,10 +162,10 @@ _PATTERNS = {
 
 
 def types() -> list[type[msgspec.Struct]]:
-    """Every message and every part of one, in the order of messages.py."""
+    """Every message and every part of one, in the order of messages.py and world_messages.py."""
     return [
         each
-        for each in vars(messages).values()
+        for each in (*vars(messages).values(), *vars(world_messages).values())
         if isinstance(each, type) and issubclass(each, msgspec.Struct) and each not in (Wire, msgspec.Struct)
     ]
 

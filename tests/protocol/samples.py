@@ -3,16 +3,12 @@
 from protocol.messages import (
     Acknowledgement,
     Answer,
-    Begin,
-    Begun,
     Control,
     CreateSession,
     Crowd,
     Decision,
     Done,
     Episode,
-    ExecuteAction,
-    Executed,
     Join,
     JournalRow,
     JournalRows,
@@ -32,6 +28,7 @@ from protocol.messages import (
     WorkerReliability,
     World,
 )
+from protocol.world_messages import Begin, Begun, ExecuteAction, Executed
 
 VIEW = "#####\n#@$.#\n#####"
 STATE = bytes(range(16))

@@ -5,7 +5,7 @@ from typing import get_args
 
 import pytest
 
-from protocol import messages
+from protocol import messages, world_messages
 from protocol.codec import decode, encode, unpack
 from protocol.messages import Wire
 from tests.protocol.make_vectors import VECTORS, readable, type_name
@@ -29,7 +29,7 @@ def test_the_readable_twin_says_what_the_bytes_hold(message: Wire) -> None:
 def test_every_message_has_one_vector_and_every_vector_one_message() -> None:
     types = {
         each
-        for each in vars(messages).values()
+        for each in (*vars(messages).values(), *vars(world_messages).values())
         if isinstance(each, type) and issubclass(each, Wire) and each is not Wire
     }
     assert {type(message) for message in FULL} == types

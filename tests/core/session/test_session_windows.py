@@ -216,6 +216,6 @@ def test_a_session_outside_its_ranges_is_refused_in_one_line(episodes: int, teac
 
 def test_an_unknown_method_is_refused_with_the_ones_there_are() -> None:
     with pytest.raises(
-        ParameterError, match="unknown method 'magic': choose one of [^\n]*sfid[^\n]*q-learning"
+        ParameterError, match=r"unknown method 'magic': choose one of [^\n]*sfid[^\n]*q-learning"
     ):
         new_session(configured("magic"))

@@ -8,7 +8,8 @@ import pytest
 
 from protocol.codec import decode, encode
 from protocol.keys import Keys
-from protocol.messages import Begin, Begun, ExecuteAction, Executed, Refusal, Wire, World
+from protocol.messages import Refusal, Wire, World
+from protocol.world_messages import Begin, Begun, ExecuteAction, Executed
 from services.environment import EPISODES_MAX, WORLDS_MAX, Environment, EnvironmentConfig, run
 from services.runtime.bus import Presence, Reply
 from services.runtime.memory_bus import MemoryBus, MemoryHub

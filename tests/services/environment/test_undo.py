@@ -1,7 +1,8 @@
 """Taking a step back: the world is put back, exactly once, across a restart, and it counts as a step."""
 
 from protocol.codec import encode
-from protocol.messages import UNDO, Begin, Begun, ExecuteAction, Executed, World
+from protocol.messages import World
+from protocol.world_messages import UNDO, Begin, Begun, ExecuteAction, Executed
 from services.environment import Environment
 from sfid_core.sokoban.levels import packaged
 

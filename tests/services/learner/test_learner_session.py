@@ -7,18 +7,9 @@ import msgspec
 import pytest
 
 from protocol.codec import PAYLOAD_MAX, decode
-from protocol.messages import (
-    Begun,
-    CreateSession,
-    Executed,
-    LabelTotals,
-    Refusal,
-    SessionList,
-    SessionQuery,
-    WindowSpec,
-    Wire,
-)
+from protocol.messages import CreateSession, LabelTotals, Refusal, SessionList, SessionQuery, WindowSpec, Wire
 from protocol.translate import config_of, episode_message, label_totals
+from protocol.world_messages import Begun, Executed
 from services.replay import Replayed, replay_directory
 from services.runtime.journal import verify
 from sfid_core.experiments.batch import BatchResult, run_batch

@@ -6,14 +6,17 @@ from protocol.messages import Answer, Decision, Refusal, Step
 from services.client import Learnt, Opened
 from services.runtime.memory_bus import MemoryBus, MemoryHub
 from services.teachers.scripted import Said, Script, ScriptedConfig, ScriptedError, run
+from sfid_core.learning.parameters import Value, parameters_of
 from sfid_core.teaching.kernels import TeacherParameters
 from tests.services.teachers.fake_learner import FakeLearner, decision, refuse
 
 CORRIDOR = ("#######\n#. $ @#\n#######", "#######\n#. $@ #\n#######", "#######\n#.$@  #\n#######")
 
 
-def script(answered: bool = False, seed: int = 0, delay_ms: int = 0, **faults: float) -> Script:  # noqa: FBT001, FBT002 - reads well where it is used
-    config = ScriptedConfig("s1", seed=seed, delay_ms=delay_ms, parameters=TeacherParameters(**faults))
+def script(answered: bool = False, seed: int = 0, delay_ms: int = 0, **faults: Value) -> Script:  # noqa: FBT001, FBT002 - reads well where it is used
+    config = ScriptedConfig(
+        "s1", seed=seed, delay_ms=delay_ms, parameters=parameters_of(TeacherParameters, faults, "teacher")
+    )
     return Script(config, lambda _decision: answered)
 
 

@@ -2,17 +2,17 @@
 
 import pytest
 
-from protocol.messages import Decision, MistakeMark, WindowSpec
+from protocol.messages import Asked, Decision, MistakeMark, WindowSpec
 from services.teachers.spoken import ANSWERING, Spoken, spoken
 
 
-def decision(asked: str, *, may_undo: bool = False) -> Decision:
+def decision(asked: Asked, *, may_undo: bool = False) -> Decision:
     return Decision(
         session="s1", epoch=1, sequence=1, decision=4, episode=0, step=3, phase="asking", paused=False,
         asked=asked, state=b"s", view="", actions=("LEFT", "RIGHT", "UP", "DOWN"),
         action=None if asked in {"label", "guidance"} else "LEFT", may_undo=may_undo,
         window=WindowSpec(mode="early", span_ms=1000), method="sfid", episodes=1,
-    )  # type: ignore[arg-type]  # fmt: skip
+    )  # fmt: skip
 
 
 STEP = MistakeMark(first_step=3, last_step=3)
@@ -34,12 +34,12 @@ STEP = MistakeMark(first_step=3, last_step=3)
         ("label", "u", None),
     ],
 )
-def test_a_key_says_what_is_asked_or_nothing(asked: str, key: str, said: Spoken | None) -> None:
+def test_a_key_says_what_is_asked_or_nothing(asked: Asked, key: str, said: Spoken | None) -> None:
     assert spoken(decision(asked), key) == said
 
 
 @pytest.mark.parametrize("asked", ["label", "reward", "guidance", "mistake"])
-def test_there_is_always_nothing_to_say(asked: str) -> None:
+def test_there_is_always_nothing_to_say(asked: Asked) -> None:
     assert spoken(decision(asked), "space") == Spoken("nothing to say", "abstain")
 
 
