@@ -127,6 +127,11 @@ class Participant:
         self.next_of("screen", "refused")
         return str(self.screen.get("name", ""))
 
+    def close(self) -> None:
+        """Close the page."""
+        assert self.browser is not None
+        self.browser.socket.close()
+
     def next_of(self, *kinds: str) -> None:
         """Wait for a frame of one of these kinds: a screen is looked at, a refusal kept."""
         assert self.browser is not None

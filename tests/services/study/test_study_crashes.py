@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from websockets.exceptions import WebSocketException
 
+from services.runtime.journal import read_rows
 from services.study.erasure import erasures
 from services.study.reading import read_participants
 from sfid_core.study.flow import Standing
@@ -98,3 +99,36 @@ def test_whose_answers_are_to_be_erased_is_told_with_every_session_of_theirs(tmp
         assert ann.press("stop-delete") == "erased"
         left = {(one.data.name, one.session) for one in erasures(maze.data, "maze")}
     assert left == {("study-maze", "maze"), ("data", f"maze-{ann.pseudonym}-0")}
+
+
+def rows_of(data: Path, session: str) -> list[str]:
+    return [row.kind for row in read_rows(data, session)]
+
+
+def await_row(data: Path, session: str, kind: str) -> list[str]:
+    """Return the session's kinds of rows as soon as there is one of this kind."""
+    until, pause = time.monotonic() + BACK_S, threading.Event()
+    while kind not in (kinds := rows_of(data, session)):
+        assert time.monotonic() < until, kinds
+        pause.wait(0.1)
+    return kinds
+
+
+def test_a_lesson_against_the_clock_stands_still_while_nobody_is_there(tmp_path: Path) -> None:
+    timed = 'window = "full"\nwindow_ms = 300'
+    with running(study_file(tmp_path, episodes=1, extra=timed), tmp_path / "data") as maze:
+        ann = maze.participant(1)
+        ann.agree()
+        ann.press("go")
+        ann.teach()
+        ann.press("go")
+        ann.teach(answers_max=1)
+        session = ann.screen["session"]
+        ann.close()
+        away = await_row(maze.data, session, "paused")
+        assert rows_of(maze.data, session) == away
+        assert ann.open() == "teach-1"
+        await_row(maze.data, session, "resumed")
+        assert ann.teach() == "effort-1"
+        (one,) = read_participants(maze.data, "maze")[1]
+    assert one.lessons[1].is_whole
