@@ -13,7 +13,7 @@ from tests.services.teachers.fake_learner import FakeLearner, decision, refuse
 CORRIDOR = ("#######\n#. $ @#\n#######", "#######\n#. $@ #\n#######", "#######\n#.$@  #\n#######")
 
 
-def script(answered: bool = False, seed: int = 0, delay_ms: int = 0, **faults: Value) -> Script:  # noqa: FBT001, FBT002 - reads well where it is used
+def script(answered: bool = False, seed: int = 0, delay_ms: int = 0, **faults: Value) -> Script:  # noqa: FBT001, FBT002 - reads well
     config = ScriptedConfig(
         "s1", seed=seed, delay_ms=delay_ms, parameters=parameters_of(TeacherParameters, faults, "teacher")
     )
