@@ -8,7 +8,13 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from services.cli import experiment_circuits, experiment_crowd, experiment_guidance, experiment_learners
+from services.cli import (
+    experiment_circuits,
+    experiment_crowd,
+    experiment_guidance,
+    experiment_learners,
+    experiment_session,
+)
 from services.cli.experiment_shared import (
     Out,
     Plain,
@@ -29,7 +35,13 @@ experiment_app = typer.Typer(
 
 def add_to(app: typer.Typer) -> None:
     """Add the experiments."""
-    for one in (experiment_learners, experiment_guidance, experiment_circuits, experiment_crowd):
+    for one in (
+        experiment_session,
+        experiment_learners,
+        experiment_guidance,
+        experiment_circuits,
+        experiment_crowd,
+    ):
         one.add_to(experiment_app)
     app.add_typer(experiment_app, name="experiment")
 

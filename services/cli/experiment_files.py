@@ -117,5 +117,20 @@ def write_total_files(
         raise CommandError(str(error)) from None
 
 
+def write_curve_files(
+    folder: Path, arms: Sequence[Arm], summaries: Sequence[ArmSummary], seeds: Sequence[int]
+) -> list[Path]:
+    """Write every episode and the curves with a codebook, the four measures as a figure, and a recording."""
+    about = f"sfid experiment session, {len(seeds)} seeds from {seeds[0]}, simulated teachers"
+    try:
+        return [
+            *write_tables(folder, about, (episode_table(arms, seeds), curve_table(summaries))),
+            *write_figure2(summaries, folder / "session"),
+            record_curves(folder / "session.rrd", summaries),
+        ]
+    except (ExportError, PlotError, MonitorError) as error:
+        raise CommandError(str(error)) from None
+
+
 def _slug(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9]+", "-", text).strip("-")

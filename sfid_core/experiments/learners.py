@@ -45,11 +45,12 @@ VARIANTS: dict[str, Variant] = {
     "reward": Variant("reward"),
     "sfid": Variant("sfid"),
     "sfid-memory": Variant("sfid-memory"),
+    "sfid-memory-fast": Variant("sfid-memory", {"alpha": 0.3}),
     "guide": Variant("guide"),
     "tamer": Variant("tamer"),
     "action-biasing": Variant("tamer-rl", {"technique": "action-biasing"}),
     "control-sharing": Variant("tamer-rl", {"technique": "control-sharing"}),
-    "reward-shaping": Variant("tamer-rl", {"technique": "reward-shaping"}),
+    "model-shaping": Variant("tamer-rl", {"technique": "reward-shaping", "anneal": 0.98}),
     "q-augmentation": Variant("tamer-rl", {"technique": "q-augmentation"}),
     "advise": Variant("advise"),
     "sabl": Variant("sabl"),
@@ -59,7 +60,8 @@ VARIANTS: dict[str, Variant] = {
     "clone": Variant("clone"),
     "dagger": Variant("dagger"),
 }
-"""Rows of the table by name; every other method may be named too and has its defaults."""
+"""Rows of the table by name; every other method may be named too and has its defaults. `model-shaping` adds
+the teacher's model to the reward; `sfid-memory-fast` takes steps of 0.3, which costs it under noise."""
 
 
 def total_name(what: str, episodes: int) -> str:
@@ -70,6 +72,8 @@ def total_name(what: str, episodes: int) -> str:
 ORDERINGS: tuple[Ordering | Robustness, ...] = (
     Ordering("coach", "sfid", PERFECT, "success_30"),
     Ordering("sfid", "q-learning", PERFECT, "success_30"),
+    Ordering("guide", "sfid", VERY_NOISY, "success_30"),
+    Robustness("sfid-memory", "sfid-memory-fast", VERY_NOISY, PERFECT, "success_300"),
     *(Ordering("dagger", other, VERY_NOISY, "success_30") for other in ("sfid", "reward", "tamer", "coach")),
     *(
         Robustness("dagger", other, VERY_NOISY, PERFECT, "success_100")
@@ -77,7 +81,7 @@ ORDERINGS: tuple[Ordering | Robustness, ...] = (
     ),
     *(Robustness("sfid", other, VERY_NOISY, PERFECT, "success_30") for other in ("tamer", "isabl", "coach")),
     *(Ordering(other, "reward", PRAISING, "success_300") for other in ("sfid", "tamer", "advise", "pies")),
-    Ordering("action-biasing", "reward-shaping", PRAISING, "success_100"),
+    Ordering("action-biasing", "model-shaping", PRAISING, "success_100"),
     Ordering("action-biasing", "q-augmentation", PRAISING, "success_300"),
     *(Ordering("sfid", other, BLAMING, "success_30") for other in ("reward", "tamer", "sabl", "coach")),
     *(Ordering("isabl", other, BLAMING, "success_30") for other in ("sabl", "tamer", "reward")),

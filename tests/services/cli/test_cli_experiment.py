@@ -81,9 +81,22 @@ def test_guidance_and_circuits_tell_their_claims() -> None:
     assert [one["trapped"] for one in circuits["cases"]][:2] == [True, True]
 
 
+def test_a_sessions_configuration_runs_as_an_experiment_of_many_seeds() -> None:
+    flags = ("--method", "tamer", "-p", "alpha=0.3", "--teacher", "noisy,rare", "--episodes", "7")
+    told = document("session", *flags, "--seeds", "4")
+    assert (told["method"], told["teacher"], told["seeds"]) == ("tamer", "noisy,rare", 4)
+    assert len(told["steps"]) == len(told["steps_ci"]) == len(told["inputs"]) == 7
+    assert document("session", *flags, "--seeds", "4", "--workers", "1")["sha256"] == told["sha256"]
+    assert document("session", *flags[:-1], "6", "--seeds", "4")["steps"] == told["steps"][:6]
+
+
 @pytest.mark.parametrize(
     "arguments,words",
     [
+        (("session", "-p", "alpha=2"), "alpha 2.0 is outside (0, 1]"),
+        (("session", "--method", "foo"), "unknown method 'foo': choose one of"),
+        (("session", "--teacher", "foo"), "unknown teacher 'foo': choose from"),
+        (("session", "--episodes", "0"), "episodes 0 is outside 1 to 1000000"),
         (("figure2", "--seeds", "1"), "seeds 1 is outside 2 to"),
         (("figure2", "--seed", "-1"), "seed -1 is outside 0 to 2^53-1"),
         (("figure2", "--workers", "-1"), "workers -1 is negative: 0 takes one a core"),
