@@ -47,7 +47,7 @@ def load(file: Path) -> StudyFile:
 
 
 @study_app.command()
-def new(file: File) -> None:
+def new(file: File, as_json: Json = False) -> None:
     """Write a commented file to begin with."""
     if file.exists():
         raise CommandError(f"{file} exists: name another, or remove it")
@@ -57,6 +57,9 @@ def new(file: File) -> None:
         file.write_text(template(name or "study"), encoding="utf-8")
     except OSError as error:
         raise CommandError(f"{file}: {error.strerror or error}: name a file that can be written") from None
+    if as_json:
+        print_json({"file": str(file)})
+        return
     print(f"{file} written: edit it, above all the consent, then `sfid study run {file}`")
 
 
@@ -179,7 +182,7 @@ def report(
     file: File,
     data: Data = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder of the report; default: report/ beside the study's data.")
+        Path | None, typer.Option(help="Folder of the report; default: DATA/study-NAME/report.")
     ] = None,
     as_json: Json = False,
 ) -> None:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from protocol.identity import Identity, Role, TokenError, sign, verify
 from services.gateway.config import GatewayConfig
-from services.gateway.register import new_token_id
-from services.gateway.secret import load_secrets
 from services.gateway.service import read_status
+from services.runtime.register import new_token_id
+from services.runtime.secret import load_secrets
 from services.study.book import study_folder
 from services.study.definition_file import StudyFile
 from sfid_core.study.definition import Recruiter
@@ -20,9 +20,12 @@ PLACEHOLDERS = {
     Recruiter.PROLIFIC: (
         "?PROLIFIC_PID={{%PROLIFIC_PID%}}&STUDY_ID={{%STUDY_ID%}}&SESSION_ID={{%SESSION_ID%}}"
     ),
-    Recruiter.MTURK: "?workerId=${workerId}&assignmentId=${assignmentId}&hitId=${hitId}",
+    Recruiter.MTURK: "?workerId={workerId}&assignmentId={assignmentId}&hitId={hitId}",
 }
-"""What the recruiter fills in, in its own notation; MTurk's is that of an ExternalQuestion's page."""
+"""What Prolific fills in, in its own notation; for MTurk the HIT's page has to, from its own address.
+
+Left as they are the study refuses them: they are no identifiers.
+"""
 
 
 def participants_link(found: StudyFile, data: Path) -> str:

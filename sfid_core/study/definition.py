@@ -161,6 +161,8 @@ class Study:
         names = [condition.name for condition in self.conditions]
         if len(set(names)) < len(names):
             raise StudyError(f"conditions {', '.join(names)}: give each a name of its own")
+        if self.recruiter is Recruiter.PROLIFIC and not self.completion_code:
+            raise StudyError("recruiter prolific: give the completion_code that Prolific shows for the study")
         asked = [question.name for question in self.questions]
         if len(set(asked)) < len(asked) or "participant" in asked:
             raise StudyError(f"questions {', '.join(asked)}: give each a name of its own, none participant")

@@ -8,6 +8,7 @@ from itertools import pairwise
 import pytest
 
 from sfid_core.study.assignment import latin_square, order_of, orders, world_seed
+from sfid_core.study.definition import Recruiter
 from sfid_core.study.effort import SCALES, raw_score
 from sfid_core.study.errors import NotNow, StudyError
 from tests.core.study.studies import CONSENT, LABELS, study, within
@@ -82,6 +83,8 @@ def test_studies_that_make_no_sense_are_refused_with_the_mend() -> None:
         study(conditions=0)
     with pytest.raises(StudyError, match="each a name of its own"):
         replace(study(), conditions=(LABELS, LABELS))
+    with pytest.raises(StudyError, match="give the completion_code that Prolific shows"):
+        study(recruiter=Recruiter.PROLIFIC)
     with pytest.raises(StudyError, match="number -1"):
         order_of(study(), -1)
 

@@ -212,6 +212,9 @@ def test_mturk_previews_are_turned_away_and_its_parameters_kept(tmp_path: Path) 
     ids = {"workerId": "W1", "assignmentId": "A1", "hitId": "H1"}
     with pytest.raises(FlowRefusal, match="accept the HIT"):
         flow.arrive(ANN, ids | {"assignmentId": "ASSIGNMENT_ID_NOT_AVAILABLE"})
+    unfilled = {name: f"{{{name}}}" for name in ids}  # as `run` prints the link
+    with pytest.raises(FlowRefusal, match=r"\(workerId\)"):
+        flow.arrive(ANN, unfilled)
     with pytest.raises(FlowRefusal, match=r"\(workerId\)"):
         flow.arrive(ANN, ids | {"workerId": "no id!"})
     flow.arrive(ANN, ids)
@@ -262,7 +265,7 @@ def test_status_without_data_says_how_to_begin(tmp_path: Path) -> None:
 
 
 def test_an_event_is_on_the_disk_before_the_next_screen_is_shown(tmp_path: Path) -> None:
-    flow, book, _ = opened(tmp_path, recruiter="prolific")
+    flow, book, _ = opened(tmp_path, recruiter="prolific", code="C1")
     flow.arrive(ANN, {"PROLIFIC_PID": "x1"})
     assert read_courses(tmp_path / "data", "maze")[1].keys() == {ANN.pseudonym}
     flow.submit(ANN, "consent", "agree", {"agreed": True})
