@@ -78,20 +78,22 @@ def session(  # noqa: PLR0917 - one argument a flag
     print_findings(console, (), files)
 
 
-SHOWN = (Measure.STEPS, Measure.SOLVED, Measure.ABS_TD_ERROR, Measure.DISCOUNTED_RETURN, Measure.INPUTS)
-
-
 def episode_table(summary: ArmSummary) -> Table:
-    """Return the measures of each episode, the mean over seeds with its interval; of many, every tenth."""
-    title = f"{summary.method}, {summary.teacher}, {summary.n_seeds} seeds: means with 95 % intervals"
+    """Return the means of each episode over the seeds, steps with their interval; of many, some."""
+    title = f"{summary.method}, {summary.teacher}, {summary.n_seeds} seeds"
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
-    for column in ("episode", *(measure.value for measure in SHOWN)):
+    for column in ("episode", "steps", "interval", "solved", "|TD error|", "return", "inputs"):
         table.add_column(column, justify="right", no_wrap=True)
-    n_episodes = len(summary.means[Measure.STEPS])
+    means, n_episodes = summary.means, len(summary.means[Measure.STEPS])
     for episode in range(0, n_episodes, max(1, n_episodes // 30)):
-        cells = []
-        for measure in SHOWN:
-            lo, hi = summary.intervals[measure][episode]
-            cells.append(f"{summary.means[measure][episode]:.1f} [{lo:.1f}, {hi:.1f}]")
-        table.add_row(str(episode + 1), *cells)
+        lo, hi = summary.intervals[Measure.STEPS][episode]
+        table.add_row(
+            str(episode + 1),
+            f"{means[Measure.STEPS][episode]:.1f}",
+            f"{lo:.1f} to {hi:.1f}",
+            f"{means[Measure.SOLVED][episode]:.0%}",
+            f"{means[Measure.ABS_TD_ERROR][episode]:.2f}",
+            f"{means[Measure.DISCOUNTED_RETURN][episode]:.1f}",
+            f"{means[Measure.INPUTS][episode]:.1f}",
+        )
     return table
