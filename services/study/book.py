@@ -57,18 +57,21 @@ class Book:
         """Return how far a person is; they must have joined."""
         return self.courses[pseudonym].progress
 
-    def join(self, pseudonym: str, parameters: Mapping[str, str]) -> None:
-        """Note somebody who is new, and what they came with. Raises NotSaved."""
+    def join(self, pseudonym: str) -> None:
+        """Note somebody who is new. Raises NotSaved."""
+        code = self.study.completion_code or "".join(secrets.choice(_LETTERS) for _ in range(_CODE_LETTERS))
+        self.add(pseudonym, Joined(code))
+
+    def consent(self, pseudonym: str, parameters: Mapping[str, str]) -> None:
+        """Note that a person agrees to the present text, and only now who they are to their recruiter.
+
+        They get the next number. Raises as `add`.
+        """
         try:
             if parameters:
                 self.people.note(pseudonym, parameters)
         except OSError as error:
             raise NotSaved(str(error)) from error
-        code = self.study.completion_code or "".join(secrets.choice(_LETTERS) for _ in range(_CODE_LETTERS))
-        self.add(pseudonym, Joined(code))
-
-    def consent(self, pseudonym: str) -> None:
-        """Note that a person agrees to the present text; they get the next number. Raises as `add`."""
         numbers = [course.progress.number for course in self.courses.values()]
         number = 1 + max((one for one in numbers if one is not None), default=-1)
         names = tuple(self.study.conditions[place].name for place in order_of(self.study, number))

@@ -50,6 +50,8 @@ class StudyFlow:
 
     def __init__(self, book: Book, sessions: Sessions) -> None:
         self._book, self._sessions = book, sessions
+        self._came_with: dict[str, dict[str, str]] = {}
+        """Parameters of those who are here; they are kept only once their bearer has agreed."""
 
     def arrive(self, person: Person, arrival: Mapping[str, str]) -> None:
         """See Flow. Whoever is new is taken in; whoever comes back must be the same to the recruiter."""
@@ -60,12 +62,14 @@ class StudyFlow:
         if person.pseudonym in book.courses:
             self._check_same(person.pseudonym, parameters)
         else:
-            self._check_new(parameters)
+            self._check_new(person.pseudonym, parameters)
             try:
-                book.join(person.pseudonym, parameters)
+                book.join(person.pseudonym)
             except NotSaved as error:
                 log.warning("a participant could not be taken in: %s", error)
                 raise FlowRefusal("the study cannot take you in just now: try again in a moment") from None
+        if parameters:
+            self._came_with[person.pseudonym] = parameters
         self._prepare(person.pseudonym)
 
     def screen(self, person: Person) -> Screen:
@@ -79,7 +83,9 @@ class StudyFlow:
             return  # pressed twice: what holds now is shown
         try:
             if button == AGREE:
-                self._book.consent(person.pseudonym)
+                parameters = self._came_with.get(person.pseudonym, {})
+                self._check_new(person.pseudonym, parameters)
+                self._book.consent(person.pseudonym, parameters)
             else:
                 event = self._event(progress, screen, button, values)
                 if event is None:
@@ -94,6 +100,7 @@ class StudyFlow:
 
     def depart(self, person: Person) -> None:
         """See Flow. A lesson against the clock waits for who is not there."""
+        self._came_with.pop(person.pseudonym, None)
         if person.pseudonym in self._book.courses:
             self._hold(person.pseudonym, on=True)
 
@@ -152,7 +159,7 @@ class StudyFlow:
         names = self._book.study.recruiter.parameters
         return {name: arrival[name] for name in names if _PARAMETER.fullmatch(arrival.get(name, ""))}
 
-    def _check_new(self, parameters: Mapping[str, str]) -> None:
+    def _check_new(self, pseudonym: str, parameters: Mapping[str, str]) -> None:
         recruiter = self._book.study.recruiter
         if recruiter is Recruiter.NONE:
             return
@@ -163,11 +170,11 @@ class StudyFlow:
             raise FlowRefusal(
                 f"the link says not who you are ({who}): open the study from where you found it"
             )
-        if self._book.people.owner(who, parameters[who]) is not None:
+        if self._book.people.owner(who, parameters[who]) not in {None, pseudonym}:
             raise FlowRefusal("you have begun in another browser: go on there, everybody takes part once")
 
     def _check_same(self, pseudonym: str, parameters: Mapping[str, str]) -> None:
-        known = self._book.people.of(pseudonym)
+        known = self._book.people.of(pseudonym) or self._came_with.get(pseudonym, {})
         who = self._book.study.recruiter.parameters[:1]
         if any(name in known and parameters.get(name, known[name]) != known[name] for name in who):
             raise FlowRefusal(

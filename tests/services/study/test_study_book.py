@@ -195,13 +195,15 @@ def test_a_lesson_against_the_clock_waits_for_who_is_away_or_hesitates(tmp_path:
 
 
 def test_what_cannot_be_saved_does_not_count_and_the_same_press_counts_later(tmp_path: Path) -> None:
-    flow, book, _ = opened(tmp_path)
-    flow.arrive(ANN, {})
+    ids = {"workerId": "W1", "assignmentId": "A1", "hitId": "H1"}
+    flow, book, _ = opened(tmp_path, recruiter="mturk")
+    flow.arrive(ANN, ids)
     book.close()
     with pytest.raises(FlowRefusal, match="press it again"):
         flow.submit(ANN, "consent", "agree", {"agreed": True})
     assert flow.screen(ANN).name == "consent"
-    flow, book, _ = opened(tmp_path)
+    flow, book, _ = opened(tmp_path, recruiter="mturk")
+    flow.arrive(ANN, ids)
     flow.submit(ANN, "consent", "agree", {"agreed": True})
     assert flow.screen(ANN).name == "practice-intro"
     book.close()
@@ -218,6 +220,7 @@ def test_mturk_previews_are_turned_away_and_its_parameters_kept(tmp_path: Path) 
     with pytest.raises(FlowRefusal, match=r"\(workerId\)"):
         flow.arrive(ANN, ids | {"workerId": "no id!"})
     flow.arrive(ANN, ids)
+    flow.submit(ANN, "consent", "agree", {"agreed": True})
     assert dict(book.people.of(ANN.pseudonym)) == ids
     assert book.study.recruiter is Recruiter.MTURK
     book.close()
@@ -276,4 +279,37 @@ def test_an_event_is_on_the_disk_before_the_next_screen_is_shown(tmp_path: Path)
     flow.submit(ANN, "practice-intro", "stop", {})
     flow.submit(ANN, "stop", "stop-delete", {})
     assert json.loads((folder / "people.json").read_text()) == {}
+    book.close()
+
+
+def test_nobody_s_identity_is_kept_before_they_agree_or_when_they_decline(tmp_path: Path) -> None:
+    flow, book, _ = opened(tmp_path, recruiter="mturk")
+    ids = {"workerId": "W1", "assignmentId": "A1", "hitId": "H1"}
+    kept = study_folder(tmp_path / "data", "maze") / "people.json"
+    flow.arrive(ANN, ids)
+    flow.arrive(BOB, ids)  # the same worker in two browsers, neither of whom has agreed
+    assert not kept.exists()
+    flow.submit(ANN, "consent", "decline", {})
+    assert not kept.exists()
+    flow.submit(BOB, "consent", "agree", {"agreed": True})
+    assert json.loads(kept.read_text()) == {BOB.pseudonym: ids}
+    book.close()
+
+
+def test_of_two_browsers_of_one_person_the_first_to_agree_takes_part(tmp_path: Path) -> None:
+    flow, book, _ = opened(tmp_path, recruiter="mturk")
+    ids = {"workerId": "W1", "assignmentId": "A1", "hitId": "H1"}
+    for person in (ANN, BOB):
+        flow.arrive(person, ids)
+    flow.submit(ANN, "consent", "agree", {"agreed": True})
+    with pytest.raises(FlowRefusal, match="begun in another browser"):
+        flow.submit(BOB, "consent", "agree", {"agreed": True})
+    assert flow.screen(BOB).name == "consent"
+    flow.depart(ANN)
+    flow.arrive(ANN, {})  # a link without them is enough for who is known
+    assert flow.screen(ANN).name == "practice-intro"
+    flow.depart(BOB)
+    flow.arrive(BOB, {})
+    with pytest.raises(FlowRefusal, match="says not who you are"):
+        flow.submit(BOB, "consent", "agree", {"agreed": True})
     book.close()
