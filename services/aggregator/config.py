@@ -33,7 +33,9 @@ class AggregatorConfig:
     """Share in [0, 1] of the states with one optimal action that measure the workers, unseen by them."""
     seed: int = 0
     """Names which states are gold."""
-    token: str | None = None
+    require_tokens: bool = False
+    """Whether members are let in only with a token that the secret of `data_dir` has signed; the crowd then
+    bears one of its own towards the learner."""
     inbox_max: int = 16_384
     commit_every_ms: int = 500
     members_gone_ms: int = 5_000

@@ -12,6 +12,7 @@ from protocol.journal import answer_body, read_answer_body, without_token
 from protocol.keys import KeyNameError
 from protocol.messages import Acknowledgement, Answer, Control, Join, Refusal, Welcome
 from protocol.translate import UnknownAction
+from services.runtime.doorkeeper import Doorkeeper, reason_of
 from sfid_core.crowd.round import Acknowledged, Crowd, MemberJoined, advance
 from sfid_core.session.effects import AnswerCode
 
@@ -41,6 +42,8 @@ class Reception:
 
     def __init__(self, aggregator: Aggregator) -> None:
         self._aggregator = aggregator
+        config, wall_ns = aggregator.config, aggregator.loop.at_ns
+        self.door = Doorkeeper(config.data_dir, wall_ns) if config.require_tokens else None
 
     # ------------------------------------------------------------ joining
 
@@ -48,7 +51,7 @@ class Reception:
         """Let a worker take part, as soon as the learner lets the crowd."""
         try:
             message = decode(request.payload, Join)
-            live = self._whose(request.key, message.session, message.teacher, new=True)
+            live = self._whose(request.key, message, new=True)
             if live.crowd is not None and live.decision is not None:
                 self.welcome(live, message, request)
             elif len(live.waiting) < WAITING_MAX or message.teacher in live.waiting:
@@ -91,7 +94,7 @@ class Reception:
         """Journal an answer, let it take effect, acknowledge it after the commit."""
         try:
             message = decode(request.payload, Answer)
-            live = self._whose(request.key, message.session, message.teacher)
+            live = self._whose(request.key, message)
             kept = without_token(message, request.payload)
             if not self._seen_before(live, message, kept, request):
                 self._answer(live, message, kept, request)
@@ -158,20 +161,25 @@ class Reception:
         """Refuse: one of many does not change the window of all."""
         try:
             message = decode(request.payload, Control)
-            self._whose(request.key, message.session, message.teacher)
+            self._whose(request.key, message)
             reason = "members of a crowd do not change its session: ask whoever runs it"
             raise Refused(Refusal(code="denied", reason=reason))
         except (DecodeError, KeyNameError, Refused) as error:
             self._refuse(request, error)
 
-    def _whose(self, key: str, session: str, worker: str, *, new: bool = False) -> LiveCrowd:
+    def _whose(self, key: str, message: Join | Answer | Control, *, new: bool = False) -> LiveCrowd:
         """Return the crowd that the key names, when the body names the same session and worker.
 
-        Args: new: whether there may be a crowd from now on.
+        Where tokens are required, the worker also has one.  Args: new: whether there may be a crowd from now
+        on.
         """
+        session, worker = message.session, message.teacher
         if self._aggregator.keys.session_and_teacher(key) != (session, worker):
             reason = "the key names another session or teacher than the message"
             raise Refused(Refusal(code="denied", reason=reason))
+        fault = None if self.door is None else self.door.fault(session, worker, message.token)
+        if fault is not None:
+            raise Refused(Refusal(code="denied", reason=reason_of(fault)))
         aggregator = self._aggregator
         live = aggregator.crowd_of(session) if new else aggregator.crowds.get(session)
         if live is None:

@@ -155,10 +155,11 @@ class Aggregator:
         return self._live(session)
 
     def _live(self, session: str) -> LiveCrowd:
+        door = self.reception.door
         upstream = Upstream(
             self.bus, self.learners, session, self.config.name,
             wake=lambda: self.loop.enqueue(self._pump, live), clock=self._clock, chance=self._chance,
-            token=self.config.token,
+            token=None if door is None else door.own(session, self.config.name),
         )  # fmt: skip
         live = self.crowds[session] = LiveCrowd(session, upstream)
         self.loop.call_later(UPSTREAM_TICK_MS, self._tick, live)

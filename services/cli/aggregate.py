@@ -15,6 +15,7 @@ from services.cli.options import (
     Connect,
     Deployment,
     Json,
+    RequireTokens,
     Seed,
     SupervisedFd,
     Verbose,
@@ -84,6 +85,7 @@ def aggregate(  # noqa: PLR0917 - one argument a flag
     gold_share: GoldShare = 0.0,
     solver: Solver = True,
     seed: Seed = 0,
+    require_tokens: RequireTokens = False,
     connect: Connect = ENDPOINT,
     deployment: Deployment = "local",
     verbose: Verbose = False,
@@ -101,7 +103,7 @@ def aggregate(  # noqa: PLR0917 - one argument a flag
     )  # fmt: skip
     config = AggregatorConfig(
         data, name, deployment, crowd_deployment or f"{deployment}-crowd", tuple(session or ()), rounds,
-        weighing, solver=solver, gold_share=gold_share, seed=seed,
+        weighing, solver=solver, gold_share=gold_share, seed=seed, require_tokens=require_tokens,
     )  # fmt: skip
     process = ServiceProcess(ProcessConfig(f"aggregator-{name}", supervised_fd, verbose))
     bus = service_bus(connect, process.stop)

@@ -66,11 +66,8 @@ def crowd(  # noqa: PLR0917 - one argument a flag
 
     numbers, world = seed_range(seed, seeds), world_spec(level, starts)
     weighing = CrowdSettings(method=crowd_method(method))
-    conditions = (
-        experiment.compared(mix, world, weighing, solver=solver)
-        if mix
-        else experiment.sweep(world, weighing, solver=solver)
-    )
+    made = experiment.compared(mix, world, weighing, solver=solver) if mix else ()
+    conditions = made or experiment.sweep(world, weighing, solver=solver)
     began = time.perf_counter()
     results = _run(conditions, numbers, workers, out)
     seconds = time.perf_counter() - began
@@ -80,14 +77,8 @@ def crowd(  # noqa: PLR0917 - one argument a flag
     claims = experiment.claims(arms, resampling, None if mix else experiment.RANDOM_SHARE)
     files = [] if out is None else _write_files(out, arms, summaries, claims, numbers, conditions)
     if as_json:
-        from sfid_core.experiments.condition import results_sha256
-
-        print_json({
-            "seeds": seeds, "seconds": seconds, "sha256": results_sha256(results), "method": method,
-            "solver": solver,
-            "crowds": [_crowd(*pair) for pair in zip(conditions, summaries, strict=True)],
-            "claims": [claim.document() for claim in claims], "files": [str(path) for path in files],
-        })  # fmt: skip
+        head = {"seeds": seeds, "seconds": seconds, "method": method, "solver": solver}
+        print_json(head | _document(conditions, results, summaries, claims, files))
         return
     console = Console()
     console.print(crowd_table(summaries))
@@ -107,6 +98,23 @@ def _run(
     config = RunnerConfig(workers, fast=False, store=None if out is None else out / "chunks")
     with progress("seeds") as told:
         return run_conditions(conditions, seeds, config, told)
+
+
+def _document(
+    conditions: Sequence[CrowdCondition],
+    results: list[Any],
+    summaries: Sequence[ArmSummary],
+    claims: Sequence[Claim],
+    files: Sequence[Path],
+) -> dict[str, Any]:
+    from sfid_core.experiments.condition import results_sha256
+
+    return {
+        "sha256": results_sha256(results),
+        "crowds": [_crowd(*pair) for pair in zip(conditions, summaries, strict=True)],
+        "claims": [claim.document() for claim in claims],
+        "files": [str(path) for path in files],
+    }
 
 
 def _crowd(condition: CrowdCondition, summary: ArmSummary) -> dict[str, Any]:

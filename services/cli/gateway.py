@@ -113,9 +113,9 @@ def _link(
 ) -> dict[str, Any]:
     from protocol.identity import Identity, Role, sign
     from services.gateway.config import GatewayConfig
-    from services.gateway.register import new_token_id
-    from services.gateway.secret import load_secrets
     from services.gateway.service import read_status
+    from services.runtime.register import new_token_id
+    from services.runtime.secret import load_secrets
 
     if not 1 <= people <= 100_000:
         raise CommandError(f"--people {people}: give 1 to 100000")
@@ -171,7 +171,7 @@ def _qr_code(text: str) -> str:
 def _revoke(data: Path, token_id: str, *, as_json: bool) -> None:
     from protocol.identity import is_token_id
     from services.gateway.config import GatewayConfig
-    from services.gateway.register import Register
+    from services.runtime.register import Register
 
     if not is_token_id(token_id):
         raise CommandError(

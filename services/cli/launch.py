@@ -14,6 +14,12 @@ class Deployed:
     data: Path
     endpoint: str
     deployment: str
+    require_tokens: bool = False
+
+    @property
+    def at_the_door(self) -> tuple[str, ...]:
+        """Flags of those whom teachers come to."""
+        return ("--require-tokens",) if self.require_tokens else ()
 
     @property
     def common(self) -> tuple[str, ...]:
@@ -50,7 +56,8 @@ def environment(deployed: Deployed) -> Service:
 
 def learner(deployed: Deployed) -> Service:
     """Return the learner, which owns the journal of the data directory."""
-    return Service("learner", ("learner", *deployed.common, "--data", str(deployed.data)))
+    arguments = ("learner", *deployed.common, "--data", str(deployed.data))
+    return Service("learner", (*arguments, *deployed.at_the_door))
 
 
 def monitor(deployed: Deployed, *, viewer: bool, ports: tuple[int, int, int]) -> Service:
@@ -66,7 +73,7 @@ def aggregator(deployed: Deployed, section: AggregatorSection) -> Service:
     arguments = ("aggregate", *deployed.common, "--data", str(deployed.data), "--name", section.name)
     for name in ("method", "quorum", "margin_ms", "patience_ms", "abstain_below", "gold_share"):
         arguments += (f"--{name.replace('_', '-')}", str(getattr(section, name)))
-    return Service("aggregator", arguments)
+    return Service("aggregator", (*arguments, *deployed.at_the_door))
 
 
 def gateway(deployed: Deployed, section: GatewaySection) -> Service:

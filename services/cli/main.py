@@ -31,6 +31,7 @@ from services.client import TeachingError
 from services.router import RouterError
 from services.runtime.bus import BusError
 from services.runtime.journal import JournalError
+from services.runtime.secret import SecretError
 from services.supervisor import SupervisorError
 from sfid_core.experiments.errors import ExperimentError
 from sfid_core.learning.parameters import ParameterError
@@ -84,6 +85,7 @@ def main() -> None:
         BusError,
         JournalError,
         RouterError,
+        SecretError,
         ParameterError,
         LevelError,
         WorldError,

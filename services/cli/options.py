@@ -15,6 +15,9 @@ from sfid_core.learning.parameters import Value
 Connect = Annotated[str, typer.Option(help="Endpoint of the router, tcp/HOST:PORT.", show_default=True)]
 Deployment = Annotated[str, typer.Option(help="Name of the deployment; two on one router never meet.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout (logs go to stderr).")]
+RequireTokens = Annotated[
+    bool, typer.Option(help="Let nobody teach without a token of `sfid invite` with the same --data.")
+]
 SupervisedFd = Annotated[int | None, typer.Option(hidden=True, help="The line to a supervisor.")]
 Verbose = Annotated[bool, typer.Option(help="Log more.")]
 Data = Annotated[Path, typer.Option(help="Directory of the deployment's journal, logs and recordings.")]

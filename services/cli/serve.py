@@ -10,6 +10,7 @@ from services.cli.options import (
     ENDPOINT,
     Connect,
     Deployment,
+    RequireTokens,
     SupervisedFd,
     Verbose,
 )
@@ -64,6 +65,7 @@ def learner(
     connect: Connect = ENDPOINT,
     deployment: Deployment = "local",
     shard: Annotated[int, typer.Option(help="Shard of the data directory, 0 or more.")] = 0,
+    require_tokens: RequireTokens = False,
     verbose: Verbose = False,
     supervised_fd: SupervisedFd = None,
 ) -> None:
@@ -73,10 +75,11 @@ def learner(
     from services.runtime.clock import SystemClock
 
     checked(deployment, "deployment")
+    config = LearnerConfig(data, deployment, shard, require_tokens=require_tokens)
     process = ServiceProcess(ProcessConfig("learner", supervised_fd, verbose))
     bus = service_bus(connect, process.stop)
     try:
-        run(LearnerConfig(data, deployment, shard), bus, SystemClock(), process.ready, process.stop)
+        run(config, bus, SystemClock(), process.ready, process.stop)
     finally:
         bus.close()
 

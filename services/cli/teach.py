@@ -28,6 +28,10 @@ teach_app = typer.Typer(
     help="Teach a session, in person or by script.", no_args_is_help=True, rich_markup_mode=None
 )
 SessionOption = Annotated[str, typer.Option(help="Session to teach.")]
+TokenFile = Annotated[
+    Path | None,
+    typer.Option(help="File with a token, or with what `sfid invite --name` printed, where one is required."),
+]
 NameOption = Annotated[str, typer.Option(help="Pseudonym of the teacher: a-z, 0-9, - and _.")]
 
 
@@ -45,6 +49,12 @@ def _names(session: str, name: str, deployment: str) -> Keys:
         raise CommandError(str(error)) from None
 
 
+def _token(path: Path | None) -> str | None:
+    from services.teachers.token_file import read_token
+
+    return None if path is None else read_token(path)
+
+
 @teach_app.command()
 def scripted(  # noqa: PLR0917 - one argument a flag
     session: SessionOption,
@@ -56,6 +66,7 @@ def scripted(  # noqa: PLR0917 - one argument a flag
     ] = None,
     delay_ms: Annotated[int, typer.Option(help="Thinking time before each answer, in ms.")] = 0,
     seed: Seed = 0,
+    token_file: TokenFile = None,
     connect: Connect = ENDPOINT,
     deployment: Deployment = "local",
     verbose: Verbose = False,
@@ -69,7 +80,7 @@ def scripted(  # noqa: PLR0917 - one argument a flag
     process = ServiceProcess(ProcessConfig(f"teacher-{name}", supervised_fd, verbose))
     config = ScriptedConfig(
         session=session, teacher=name, seed=seed, parameters=faults, delay_ms=delay_ms,
-        deployment=keys.deployment,
+        deployment=keys.deployment, token=_token(token_file),
     )  # fmt: skip
     bus = service_bus(connect, process.stop)
     try:
@@ -87,15 +98,18 @@ def keyboard(
     outbox: Annotated[
         Path | None, typer.Option(help="File that keeps unsent answers; one per teacher by default.")
     ] = None,
+    token_file: TokenFile = None,
 ) -> None:
     """Teach with the keyboard, in this terminal."""
     from services.runtime.zenoh_bus import open_bus
     from services.teachers.keyboard import KeyboardConfig, run
 
-    keys = _names(session, name, deployment)
+    keys, token = _names(session, name, deployment), _token(token_file)
     bus = open_bus(connect, CONNECT_TIMEOUT_MS)
     try:
-        config = KeyboardConfig(session=session, teacher=name, deployment=keys.deployment, outbox=outbox)
+        config = KeyboardConfig(
+            session=session, teacher=name, deployment=keys.deployment, outbox=outbox, token=token
+        )
         raise typer.Exit(run(config, bus))
     finally:
         bus.close()

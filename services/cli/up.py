@@ -15,6 +15,10 @@ from services.runtime.config import Config, ConfigError, read_config
 
 log = logging.getLogger("sfid.up")
 CHECK_S = 0.2
+RequireTokens = Annotated[
+    bool | None,
+    typer.Option(help="Let nobody teach without a token of `sfid invite`; overrides the file."),
+]
 
 
 def add_to(app: typer.Typer) -> None:
@@ -33,13 +37,17 @@ def up(
     crowd: Annotated[
         bool | None, typer.Option(help="Let a crowd teach as one teacher; overrides the file.")
     ] = None,
+    require_tokens: RequireTokens = None,
 ) -> None:
     """Run router, environment, learner, monitor, gateway and crowd as asked; revive what dies."""
     try:
         settings = Config() if config is None else read_config(config)
     except ConfigError as error:
         raise CommandError(str(error)) from None
-    deployed = launch.Deployed(data or Path(settings.data), listen or settings.listen, settings.deployment)
+    deployed = launch.Deployed(
+        data or Path(settings.data), listen or settings.listen, settings.deployment,
+        settings.require_tokens if require_tokens is None else require_tokens,
+    )  # fmt: skip
     try:
         launch.make_directories(deployed.data)
     except OSError as error:

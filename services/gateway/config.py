@@ -6,6 +6,8 @@ from ipaddress import ip_address
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from services.runtime.secret import FOLDER
+
 DEFAULT_LISTEN = "127.0.0.1:7480"
 _WILDCARDS = frozenset({"0.0.0.0", "::"})  # noqa: S104 - named to be refused
 
@@ -68,7 +70,7 @@ class GatewayConfig:
     @property
     def folder(self) -> Path:
         """Where the gateway keeps its secret, its register and its status."""
-        return self.data_dir / "gateway"
+        return self.data_dir / FOLDER
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,11 +9,11 @@ from protocol.keys import Keys
 from services.gateway.config import Limits
 from services.gateway.frames import Hello, written
 from services.gateway.limits import Counters, Reason
-from services.gateway.register import Full, Register, given_for
 from services.gateway.room import Post, Room
 from services.gateway.visitor import GONE, LEFT_ALONE, TOO_MUCH, Line, Visitor
 from services.runtime.bus import Bus
 from services.runtime.clock import Clock
+from services.runtime.register import Full, Register, for_session, given_for
 from services.screens import Flow, Person
 
 log = logging.getLogger("sfid.gateway")
@@ -103,7 +103,14 @@ class House:
         visitor = self.visitors.get(name)
         if visitor is None and len(self.visitors) < self._limits.people_max:
             person = Person(identity.pseudonym, identity.session, identity.token_id, identity.invitation)
-            visitor = Visitor(person, self._flow, self._limits, self.counters, self.room)
+            visitor = Visitor(
+                person,
+                self._flow,
+                self._limits,
+                self.counters,
+                self.room,
+                partial(for_session, keys=self._secrets),
+            )
             self.visitors[name] = visitor
         return visitor
 

@@ -14,11 +14,11 @@ from protocol.keys import Keys
 from services.gateway.config import GatewayConfig, GatewayError, Place, place_of
 from services.gateway.house import House
 from services.gateway.page import Page
-from services.gateway.register import Register
-from services.gateway.secret import load_secrets
 from services.gateway.server import Reception, open_server
 from services.runtime.bus import Bus
 from services.runtime.clock import Clock, SystemClock
+from services.runtime.register import Register
+from services.runtime.secret import load_secrets
 from services.screens import Flow, TeachOnly
 
 log = logging.getLogger("sfid.gateway")

@@ -52,6 +52,7 @@ class Visitor:
         limits: Limits,
         counters: Counters,
         room_of: Callable[[str], Room | None],
+        token_for: Callable[[Identity, str], str],
     ) -> None:
         self.person = person
         self.line: Line | None = None
@@ -65,7 +66,10 @@ class Visitor:
         self._flow, self._limits, self._counters, self._room_of = flow, limits, counters, room_of
         self._screen: Screen | None = None
         self._seats: dict[str, tuple[Room, Seat]] = {}
+        self._token_for = token_for
         self._token = ""
+        self._tokens: dict[str, str] = {}
+        """By session: a study's people have a token of the study, and teach sessions of their own."""
         self._told_of_end = False
         self._now_s = 0.0
         self._gone = True
@@ -86,6 +90,7 @@ class Visitor:
             self.line.close(TAKEN_OVER, "taken over")
             self._counters.done["taken-over"] += 1
         self.line, self.identity, self._token = line, identity, token
+        self._tokens.clear()
         self._gone = False
         self.heard_s = now_s
         self._too_many = 0
@@ -142,7 +147,16 @@ class Visitor:
         if room is None:
             self._refuse(Reason.PEOPLE, "too many sessions at once: try again later")
             return
-        self._seats[screen.session] = (room, room.seat(self.person.pseudonym, self._token, self._tell))
+        self._seats[screen.session] = (
+            room,
+            room.seat(self.person.pseudonym, self._own_token(screen.session), self._tell),
+        )
+
+    def _own_token(self, session: str) -> str:
+        if session not in self._tokens and self.identity is not None:
+            own = session == self.identity.session
+            self._tokens[session] = self._token if own else self._token_for(self.identity, session)
+        return self._tokens.get(session, self._token)
 
     def session_finished(self, session: str) -> None:
         """Go on in the flow: the session that is taught here has come to its end."""
@@ -231,7 +245,7 @@ class Visitor:
             )
             return
         self._counters.done["answers"] += 1
-        if not place[1].answer(answer_of(say, self.person.pseudonym, self._token)):
+        if not place[1].answer(answer_of(say, self.person.pseudonym, self._own_token(say.session))):
             self._counters.refuse(Reason.REPLAY)
 
     def _refuse(self, reason: Reason, text: str, *, final: bool = False) -> None:

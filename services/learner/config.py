@@ -20,3 +20,5 @@ class LearnerConfig:
     sessions_max: int = 10_000
     teachers_max: int = 1_000
     """Direct teachers of one session."""
+    require_tokens: bool = False
+    """Whether teachers are let in only with a token that the secret of `data_dir` has signed."""

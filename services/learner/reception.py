@@ -11,6 +11,7 @@ from protocol.journal import Kind, answer_body, read_answer_body, without_token
 from protocol.keys import KeyNameError
 from protocol.messages import Acknowledgement, Answer, Control, Done, Join, Refusal, Welcome
 from protocol.translate import UnknownAction, answer_given, episode_message, window_of
+from services.runtime.doorkeeper import Doorkeeper, reason_of
 from sfid_core.session.admission import NOT_OPEN_YET, why_rejected
 from sfid_core.session.effects import Acknowledge, AnswerCode, Ignored
 from sfid_core.session.events import (
@@ -56,12 +57,14 @@ class Reception:
 
     def __init__(self, learner: Learner) -> None:
         self._learner = learner
+        config = learner.config
+        self.door = Doorkeeper(config.data_dir, learner.at_ns) if config.require_tokens else None
 
     def on_answer(self, request: Request) -> None:
         """Journal an answer, let it take effect, acknowledge it after the commit."""
         try:
             message = decode(request.payload, Answer)
-            live = self._whose(request.key, message.session, message.teacher)
+            live = self._whose(request.key, message)
             self._answer(live, message, request)
         except (DecodeError, KeyNameError, UnknownAction, Refused) as error:
             self._refuse(request, error)
@@ -124,7 +127,7 @@ class Reception:
         """Let a teacher take part and tell them where the session stands."""
         try:
             message = decode(request.payload, Join)
-            live = self._whose(request.key, message.session, message.teacher)
+            live = self._whose(request.key, message)
             if message.teacher == OPERATOR:
                 raise Refused("denied", f"the name {OPERATOR} is kept for the command line: choose another")
             self._join(live, message, request)
@@ -166,7 +169,7 @@ class Reception:
         """Change the window, pause, resume or stop; journaled and durable before the reply."""
         try:
             message = decode(request.payload, Control)
-            live = self._whose(request.key, message.session, message.teacher)
+            live = self._whose(request.key, message)
             if message.teacher != OPERATOR and message.teacher not in live.session.teachers:
                 raise Refused("denied", f"join session {live.name} before you change it")
             if message.verb == "stop" and message.teacher != OPERATOR:
@@ -177,10 +180,20 @@ class Reception:
         except (DecodeError, KeyNameError, Refused) as error:
             self._refuse(request, error)
 
-    def _whose(self, key: str, session: str, teacher: str) -> LiveSession:
-        """Return the session that the key names, when the body names the same session and teacher."""
+    def _whose(self, key: str, message: Join | Answer | Control) -> LiveSession:
+        """Return the session that the key names, when the body names the same session and teacher.
+
+        Where tokens are required, the teacher also has one; the operator, whom the router's access control
+        lets in, needs none.
+        """
+        session, teacher = message.session, message.teacher
         if self._learner.keys.session_and_teacher(key) != (session, teacher):
             raise Refused("denied", "the key names another session or teacher than the message")
+        operator = isinstance(message, Control) and teacher == OPERATOR
+        if self.door is not None and not operator:
+            fault = self.door.fault(session, teacher, message.token)
+            if fault is not None:
+                raise Refused("denied", reason_of(fault))
         live = self._learner.sessions.get(session)
         if live is None:
             raise Refused(

@@ -63,6 +63,8 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     listen: str = "tcp/127.0.0.1:7447"
     """Endpoint of the router."""
     deployment: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,47}$")] = "local"
+    require_tokens: bool = False
+    """Whether teachers, and members of the crowd, are let in only with a token of `sfid invite`."""
     monitor: MonitorSection = MonitorSection()
     gateway: GatewaySection = GatewaySection()
     aggregator: AggregatorSection = AggregatorSection()

@@ -30,10 +30,10 @@ from websockets.asyncio.client import ClientConnection, connect
 from protocol.identity import Identity, Role, sign
 from protocol.messages import WindowSpec
 from services.cli import launch
-from services.gateway.register import new_token_id
-from services.gateway.secret import load_secrets
 from services.gateway.service import read_status
 from services.runtime.config import GatewaySection
+from services.runtime.register import new_token_id
+from services.runtime.secret import load_secrets
 
 TARGET_P99_MS = 50.0
 WINDOW_MS = 1000

@@ -14,13 +14,13 @@ from protocol.identity import Identity, Role, sign
 from protocol.keys import Keys
 from protocol.messages import CreateSession, SessionReport, WindowSpec, World
 from services.cli import launch
-from services.gateway.register import Register, new_token_id
-from services.gateway.secret import load_secrets
 from services.gateway.service import read_status
 from services.operator import Operator
 from services.router import free_endpoint
 from services.runtime.bus import Bus
 from services.runtime.config import GatewaySection
+from services.runtime.register import Register, new_token_id
+from services.runtime.secret import load_secrets
 from services.runtime.zenoh_bus import open_bus
 from sfid_core.sokoban.levels import packaged
 

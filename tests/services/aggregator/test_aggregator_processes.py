@@ -19,13 +19,13 @@ from protocol.journal import Record, read_answer_body
 from protocol.keys import Keys
 from services.client import AnswerState, AnswerUpdate, Client, Opened
 from services.gateway.config import GatewayConfig
-from services.gateway.register import new_token_id
-from services.gateway.secret import load_secrets
 from services.gateway.service import read_status
 from services.outbox import Outbox
 from services.router import free_endpoint
 from services.runtime.clock import SystemClock
 from services.runtime.journal import read_rows, verify
+from services.runtime.register import new_token_id
+from services.runtime.secret import load_secrets
 from services.runtime.zenoh_bus import open_bus
 from tests.services.cli.command_line import kill, processes, running, sfid, wait_for
 from tests.services.gateway.gateway_house import Browser

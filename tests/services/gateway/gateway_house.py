@@ -15,10 +15,10 @@ from websockets.sync.client import ClientConnection, connect
 
 from protocol.identity import Identity, Role, sign
 from services.gateway.config import GatewayConfig, Limits
-from services.gateway.register import Register, new_token_id
-from services.gateway.secret import load_secrets
 from services.gateway.service import read_status, run
 from services.runtime.memory_bus import MemoryBus, MemoryHub
+from services.runtime.register import Register, new_token_id
+from services.runtime.secret import load_secrets
 from services.screens import Flow
 from tests.services.teachers.fake_learner import FakeLearner
 

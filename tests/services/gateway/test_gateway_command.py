@@ -15,11 +15,11 @@ import pytest
 
 from protocol.identity import Role, TokenError, verify
 from services.cli import launch
-from services.gateway.register import Register
-from services.gateway.secret import load_secrets
 from services.gateway.service import read_status
 from services.router import free_endpoint
 from services.runtime.config import GatewaySection
+from services.runtime.register import Register
+from services.runtime.secret import load_secrets
 
 pytestmark = pytest.mark.real
 

@@ -10,7 +10,7 @@ import pytest
 
 from protocol.messages import Answer, Episode, SaidBy, Step
 from services.gateway.config import GatewayConfig, GatewayError, place_of
-from services.gateway.secret import load_secrets
+from services.runtime.secret import SecretError, load_secrets
 from services.screens import (
     FINISHED,
     Button,
@@ -338,7 +338,7 @@ def test_the_secret_is_made_once_and_is_its_owners_alone(tmp_path: Path) -> None
     path = tmp_path / "gateway" / "secret"
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     path.chmod(0o640)
-    with pytest.raises(GatewayError, match="chmod 600"):
+    with pytest.raises(SecretError, match="chmod 600"):
         load_secrets(tmp_path / "gateway")
 
 

@@ -1,6 +1,7 @@
-"""What outlives the gateway about its people: who took up which invitation, and what was revoked.
+"""What is kept about those who are given tokens: who took up which invitation, and what was revoked.
 
-A file of JSON lines that is only appended to, by the gateway and by `sfid invite --revoke`; each line is one
+A file of JSON lines that is only appended to, by the gateway and by `sfid invite --revoke`, and read by all
+who verify tokens; each line is one
 write of less than a page, so writers do not mix, and it is synced before anybody is told.
 """
 
@@ -126,3 +127,8 @@ def given_for(invitation: Identity, pseudonym: str, keys: list[bytes]) -> tuple[
         invitation=invitation.token_id,
     )
     return identity, sign(identity, keys)
+
+
+def for_session(identity: Identity, session: str, keys: list[bytes]) -> str:
+    """Return a token of the same person for another session; revoking either revokes both."""
+    return sign(msgspec.structs.replace(identity, session=session), keys)

@@ -6,16 +6,21 @@ import stat
 from pathlib import Path
 
 from protocol.identity import SECRET_BYTES_MIN
-from services.gateway.config import GatewayError
 
 NAME = "secret"
+FOLDER = "gateway"
+"""Below the data directory: the gateway hands tokens out, everybody else only verifies them."""
+
+
+class SecretError(Exception):
+    """There is no secret to be had; the text is one line: what is wrong, where, and the mend."""
 
 
 def load_secrets(folder: Path) -> list[bytes]:
-    """Return the secrets of a gateway, oldest first; the first call makes one.
+    """Return the secrets of a deployment, oldest first; the first call makes one.
 
     The file has one secret a line, in hex. A line added at the end signs from the next start on, while the
-    lines before it still verify. Raises: GatewayError when others can read the file, or it holds no secret.
+    lines before it still verify. Raises: SecretError when others can read the file, or it holds no secret.
     """
     path = folder / NAME
     try:
@@ -25,17 +30,17 @@ def load_secrets(folder: Path) -> list[bytes]:
         lines = path.read_text("ascii").split()
         found = [bytes.fromhex(line) for line in lines]
     except OSError as error:
-        raise GatewayError(
+        raise SecretError(
             f"{path}: {error.strerror or error}: name a --data directory that can be written"
         ) from None
     except ValueError:
         found, mode = [], 0
     if mode & (stat.S_IRWXG | stat.S_IRWXO):
-        raise GatewayError(
+        raise SecretError(
             f"{path}: others can read the secret: `chmod 600 {path}`, or delete it for a new one"
         )
     if not found or any(len(secret) < SECRET_BYTES_MIN for secret in found):
-        raise GatewayError(f"{path}: no secret of {SECRET_BYTES_MIN} bytes in hex: delete it for a new one")
+        raise SecretError(f"{path}: no secret of {SECRET_BYTES_MIN} bytes in hex: delete it for a new one")
     return found
 
 
