@@ -11,10 +11,13 @@ LANES_SHOWN = 100
 """Steps that the lanes of labels show."""
 
 
-def blueprint() -> rrb.Blueprint:
-    """Return the layout: to watch, what teachers said, all sessions, and the episodes as a table."""
+def blueprint(active_tab: int = 0) -> rrb.Blueprint:
+    """Return the layout: to watch, what teachers said, all sessions, and the episodes as a table.
+
+    Args: active_tab: number of the tab that is in front, from 0.
+    """
     return rrb.Blueprint(
-        rrb.Tabs(_live(), _teachers(), _sessions(), _table(), active_tab=0),
+        rrb.Tabs(_live(), _teachers(), _sessions(), _table(), active_tab=active_tab),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline="step", play_state="following"),
@@ -52,13 +55,18 @@ def _live() -> rrb.Vertical:
 
 def _teachers() -> rrb.Horizontal:
     left = rrb.Vertical(
-        _picture(doubt_pictures.CONFLICTS, "Where teachers disagree · dark: never · bright: always"),
+        _picture(doubt_pictures.CONFLICTS, "Where teachers disagree · dark: never · bright: most often"),
         _plot("reliability", "How reliable each teacher is (± 1 σ)", rrb.Corner2D.RightBottom, (0.0, 1.05)),
     )
     right = rrb.Vertical(
-        _picture(doubt_pictures.STATES, "States likely to carry an instruction bug · who named which move"),
+        _picture(
+            doubt_pictures.STATES,
+            "States likely to carry an instruction bug · arrows: moves named there, and how often",
+        ),
         rrb.Horizontal(
-            rrb.TextDocumentView(origin=f"/{doubt_pictures.LIST}", name="Why these states"), _lanes()
+            rrb.TextDocumentView(origin=f"/{doubt_pictures.LIST}", name="Why these states"),
+            _lanes(),
+            column_shares=[3, 2],
         ),
         row_shares=[2, 1],
     )

@@ -7,6 +7,7 @@ from services.monitor.doubts import Doubtful, Doubts
 from services.monitor.png import encode_palette_png
 from services.monitor.rows import Arrow, Document, Moment, Picture
 from services.monitor.scene import ViewError, read_view
+from services.monitor.status import SIGNS
 from sfid_core.sokoban.actions import Action
 from sfid_core.sokoban.board import Board
 
@@ -19,13 +20,14 @@ ARROW_COLOUR = (255, 200, 60)
 
 
 def draw_conflicts(board: Board, doubts: Doubts, moment: Moment) -> Picture:
-    """Return the floor: dark where labels agreed, the brighter the more often teachers differed there."""
+    """Return the floor: dark where labels agreed, brightest where teachers differed most often."""
     indexes = tiles.background(board.level)
     indexes += np.uint8(tiles.DIMMED)
     shares = {cell: splits / visits for cell, (visits, splits) in doubts.cells().items()}
+    most = max(shares.values(), default=0.0) or 1.0
     for cell, share in shares.items():
         if cell in board.level.reach:
-            colour = tiles.VALUES + round(share * (tiles.VALUE_COLOURS - 1))
+            colour = tiles.VALUES + round(share / most * (tiles.VALUE_COLOURS - 1))
             tiles.cell_view(indexes, board.level, cell)[1:-1, 1:-1] = colour
     return Picture(CONFLICTS, moment, encode_palette_png(indexes, tiles.palette()))
 
@@ -51,18 +53,22 @@ def draw_doubtful(states: list[Doubtful], moment: Moment) -> Picture | None:
 
 
 def _arrows(board: Board, state: Doubtful, origin: tuple[int, int]) -> list[Arrow]:
-    """An arrow for each action that was named, with who named it how often."""
+    """An arrow for each action that was named, with how often: the wider, the more often."""
     row, column = divmod(board.player, board.level.width)
     x, y = origin[0] + (column + 0.5) * tiles.TILE, origin[1] + (row + 0.5) * tiles.TILE
     arrows = []
+    most = max(teachers.total() for teachers in state.named.values())
     for action, teachers in sorted(state.named.items()):
         if action not in Action.__members__:
             continue
         down, right = Action[action].delta
-        said = ", ".join(f"{name} {count}" for name, count in teachers.most_common(3))
         start = (x + right * tiles.TILE / 2, y + down * tiles.TILE / 2)
         vector = (right * 0.75 * tiles.TILE, down * 0.75 * tiles.TILE)
-        arrows.append(Arrow(start, vector, ARROW_COLOUR, said))
+        share = teachers.total() / most
+        arrow = Arrow(
+            start, vector, ARROW_COLOUR, str(teachers.total()), 1.6 + 2.4 * share, 0.4 + 0.6 * share
+        )
+        arrows.append(arrow)
     return arrows
 
 
@@ -70,8 +76,17 @@ def tell_doubtful(states: list[Doubtful], moment: Moment) -> Document:
     """Return the same states in words."""
     if not states:
         return Document(LIST, moment, "### No doubtful state so far\n\nWhat teachers said fits together.")
-    lines = [f"{number}. {state.reasons()}" for number, state in enumerate(states, start=1)]
+    lines = [f"{number}. {state.reasons()} · {_named(state)}" for number, state in enumerate(states, start=1)]
     return Document(LIST, moment, "### Look at these states again\n\n" + "\n".join(lines))
+
+
+def _named(state: Doubtful) -> str:
+    """Return who named which action how often."""
+    return " · ".join(
+        f"**{SIGNS.get(action, action)}** "
+        + ", ".join(f"{name} {count}" for name, count in teachers.most_common(3))
+        for action, teachers in sorted(state.named.items(), key=lambda item: -item[1].total())
+    )
 
 
 def drawn(doubts: Doubts, view: str, moment: Moment) -> tuple[list[Picture], list[Document]]:

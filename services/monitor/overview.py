@@ -18,9 +18,9 @@ ENTITY = "sessions"
 PERIOD_S = 2.0
 """Seconds between two pictures, times the sessions that are watched."""
 SHOWN_MAX = 16
-CARD_HEIGHT, CARD_WIDTH, GAP = 132, 276, 8
+CARD_HEIGHT, CARD_WIDTH, GAP = 136, 276, 8
 BOARD_SIDE = 84
-NAMES_MAX = 4
+NAMES_MAX = 3
 UNANSWERED_S = 60.0
 SILENT_S = 20.0
 LOST_EPISODES = 5
@@ -118,7 +118,7 @@ def _draw_card(card: Indexes, each: Glance) -> None:
     card[:, :4] = colour
     font.write(card[:, :-8], each.session, (8, 12), _BASE + TEXT)
     badge = font.width_of(each.state) * 2
-    font.write(card, each.state, (8, max(12, CARD_WIDTH - badge - 6)), colour)
+    font.write(card, each.state, (CARD_HEIGHT - 18, max(12, CARD_WIDTH - badge - 8)), colour)
     _draw_board(card[26 : 26 + BOARD_SIDE, 12 : 12 + BOARD_SIDE], each.view)
     side = card[:, BOARD_SIDE + 24 : -10]
     progress = f"episode {min(each.episode + 1, each.episodes)} of {each.episodes}"
@@ -131,7 +131,7 @@ def _draw_card(card: Indexes, each: Glance) -> None:
     share = "-" if isnan(each.agreement) else f"{each.agreement:.0%}"
     font.write(side, f"labels that agree {share}", (88, 0), _BASE + AGREE, 1)
     _draw_bar(side[96:102], 0.0 if isnan(each.agreement) else each.agreement, _BASE + AGREE)
-    _draw_teachers(card[114:126, 12:-6], each)
+    _draw_teachers(card[CARD_HEIGHT - 20 : CARD_HEIGHT - 6, 12 : BOARD_SIDE + 24], each)
 
 
 def _draw_board(part: Indexes, view: str) -> None:
@@ -181,12 +181,17 @@ def _draw_line(part: Indexes, steps: Sequence[int], fewest: int | None) -> None:
 
 
 def _draw_teachers(part: Indexes, each: Glance) -> None:
+    """Who is present, each with their colour; who finds no room is a number."""
     if not each.present:
         font.write(part, "nobody present", (4, 0), _BASE + MUTED, 1)
         return
-    column = 0
+    column = shown = 0
     for name, colour in each.teachers:
+        width = 8 + font.width_of(name[:8]) + 6
+        if column + width > part.shape[1] - (24 if each.present > shown + 1 else 0):
+            break
         part[4:9, column : column + 5] = _TEACHERS[colour]
-        column = font.write(part, name, (4, column + 8), _BASE + TEXT, 1) + 8
-    if each.present > len(each.teachers):
-        font.write(part, f"and {each.present - len(each.teachers)} more", (4, column), _BASE + MUTED, 1)
+        font.write(part, name[:8], (4, column + 8), _BASE + TEXT, 1)
+        column, shown = column + width, shown + 1
+    if each.present > shown:
+        font.write(part, f"+{each.present - shown}", (4, column), _BASE + MUTED, 1)
