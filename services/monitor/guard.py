@@ -54,28 +54,33 @@ class Guard:
         self._viewers: set[_Viewer] = set()
         self._host = host
         self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._loop.run_forever, name="monitor-guard", daemon=True)
+        self._servers: list[asyncio.Server] = []
+        self._thread = threading.Thread(target=self._run, name="monitor-guard", daemon=True)
         self._thread.start()
         opening = asyncio.run_coroutine_threadsafe(self._open(pairs, bind), self._loop)
         try:
-            self._servers = opening.result(START_TIMEOUT_S)
+            opening.result(START_TIMEOUT_S)
         except OSError:
             self.close()
             raise
 
     def close(self) -> None:
         """Cut everybody and end."""
-        self._loop.call_soon_threadsafe(self._end)
-        self._thread.join(START_TIMEOUT_S)
+        if self._thread.is_alive():
+            asyncio.run_coroutine_threadsafe(self._end(), self._loop)
+            self._thread.join(START_TIMEOUT_S)
 
-    async def _open(self, pairs: list[tuple[int, int]], bind: str) -> list[asyncio.Server]:
-        servers = []
+    def _run(self) -> None:
+        try:
+            self._loop.run_forever()
+        finally:
+            self._loop.close()
+
+    async def _open(self, pairs: list[tuple[int, int]], bind: str) -> None:
         for listen, upstream in pairs:
-            servers.append(
-                await asyncio.start_server(self._receiver(upstream), bind, listen, limit=READ_BYTES)
-            )
+            receive = self._receiver(upstream)
+            self._servers.append(await asyncio.start_server(receive, bind, listen, limit=READ_BYTES))
         self._watch = self._loop.create_task(self._look())
-        return servers
 
     def _receiver(self, upstream: int) -> Receive:
         async def receive(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -83,11 +88,15 @@ class Guard:
 
         return receive
 
-    def _end(self) -> None:
-        for task in asyncio.all_tasks(self._loop):
-            task.cancel()
+    async def _end(self) -> None:
+        for server in self._servers:
+            server.close()
         for viewer in self._viewers:
             viewer.writer.transport.abort()
+        tasks = asyncio.all_tasks(self._loop) - {asyncio.current_task()}
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
         self._loop.call_soon(self._loop.stop)
 
     async def _receive(

@@ -7,10 +7,12 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
+from protocol.messages import Episode
 from services.monitor.config import LOOPBACK, Addresses, free_port
 from services.monitor.service import MonitorConfig
 from services.monitor.web import viewer_program
@@ -120,6 +122,28 @@ def test_a_late_viewer_sees_the_whole_past(monitor: Running, tmp_path: Path) -> 
         eventually(lambda: viewer.seen() == ([0, 1, 2], True))
     finally:
         viewer.end()
+
+
+def test_a_stopped_viewer_never_stops_another(monitor: Running, tmp_path: Path) -> None:
+    stopped, awake = (
+        SavingViewer(tmp_path / f"{name}.rrd", addresses_of(monitor)) for name in ("stopped", "awake")
+    )
+    try:
+        messages = list(Lesson(episodes=6).messages())
+        ends = [number for number, each in enumerate(messages) if isinstance(each, Episode)]
+        monitor.publish(*messages[: ends[1] + 1])
+        eventually(lambda: stopped.seen()[0] == awake.seen()[0] == [0, 1])
+        stopped.process.send_signal(signal.SIGSTOP)
+        for end, after in pairwise(ends[1:]):
+            monitor.publish(*messages[end + 1 : after + 1])
+        eventually(lambda: awake.seen()[0] == list(range(6)))
+        assert stopped.seen()[0] == [0, 1]
+        stopped.process.send_signal(signal.SIGCONT)
+        eventually(lambda: stopped.seen()[0] == list(range(6)))
+    finally:
+        stopped.process.send_signal(signal.SIGCONT)
+        stopped.end()
+        awake.end()
 
 
 FROZEN = """

@@ -1,0 +1,128 @@
+"""The guard before the viewers: it passes bytes on, cuts who stalls, and holds nobody up."""
+
+import socket
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from services.monitor import guard as guarding
+from services.monitor.config import LOOPBACK, free_port
+from services.monitor.guard import Guard
+
+pytestmark = pytest.mark.real
+
+DEADLINE_S = 30.0
+
+
+class Server:
+    """Sends each that connects as much as it is told, as fast as they take it."""
+
+    def __init__(self) -> None:
+        self._socket = socket.create_server((LOOPBACK, 0))
+        self.port: int = self._socket.getsockname()[1]
+        self.sent = threading.Semaphore(0)
+        self._go = threading.Thread(target=self._serve, daemon=True)
+        self.length = 0
+        self._go.start()
+
+    def _serve(self) -> None:
+        while True:
+            try:
+                connection, _ = self._socket.accept()
+            except OSError:
+                return
+            threading.Thread(target=self._send, args=(connection,), daemon=True).start()
+
+    def _send(self, connection: socket.socket) -> None:
+        with connection:
+            assert connection.recv(5) == b"hello"
+            try:
+                connection.sendall(b"x" * self.length)
+            except OSError:
+                return
+            self.sent.release()
+            connection.recv(1)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    serving = Server()
+    yield serving
+    serving.close()
+
+
+def connected(port: int) -> socket.socket:
+    viewer = socket.create_connection((LOOPBACK, port), timeout=DEADLINE_S)
+    viewer.sendall(b"hello")
+    return viewer
+
+
+def received(viewer: socket.socket, length: int) -> int:
+    got = 0
+    while got < length and (data := viewer.recv(1 << 16)):
+        got += len(data)
+    return got
+
+
+def test_a_viewer_who_takes_nothing_holds_up_neither_the_server_nor_another(server: Server) -> None:
+    server.length = 24 << 20
+    port = free_port(set())
+    guard = Guard([(port, server.port)], LOOPBACK, LOOPBACK)
+    try:
+        with connected(port) as frozen, connected(port) as awake:
+            assert received(awake, server.length) == server.length
+            # Both were sent everything: the guard keeps the frozen one's part.
+            assert server.sent.acquire(timeout=DEADLINE_S)
+            assert server.sent.acquire(timeout=DEADLINE_S)
+            assert frozen.fileno() >= 0
+    finally:
+        guard.close()
+
+
+def test_a_viewer_who_stalls_is_cut_and_the_others_stay(
+    server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guarding, "STALLED_S", 0.4)
+    monkeypatch.setattr(guarding, "LOOK_S", 0.1)
+    server.length = 24 << 20
+    port = free_port(set())
+    guard = Guard([(port, server.port)], LOOPBACK, LOOPBACK)
+    try:
+        with connected(port) as frozen, connected(port) as awake:
+            assert received(awake, server.length) == server.length
+            assert server.sent.acquire(timeout=DEADLINE_S)
+            assert server.sent.acquire(timeout=DEADLINE_S)
+            pause = threading.Event()
+            for _ in range(int(DEADLINE_S * 20)):
+                if guard.cut:
+                    break
+                pause.wait(0.05)
+            assert guard.cut == 1
+            assert received(frozen, server.length) < server.length
+            awake.sendall(b"!")
+    finally:
+        guard.close()
+
+
+def test_a_viewer_too_far_behind_is_cut(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guarding, "WAITING_MAX", 4 << 20)
+    server.length = 64 << 20
+    port = free_port(set())
+    guard = Guard([(port, server.port)], LOOPBACK, LOOPBACK)
+    try:
+        with connected(port) as frozen:
+            assert not server.sent.acquire(timeout=1.0)
+            assert received(frozen, server.length) < server.length
+    finally:
+        guard.close()
+
+
+def test_a_taken_port_is_an_error_and_nothing_is_left_running(server: Server) -> None:
+    before = threading.active_count()
+    with pytest.raises(OSError, match="in use"):
+        Guard([(server.port, server.port)], LOOPBACK, LOOPBACK)
+    assert threading.active_count() == before
