@@ -4,8 +4,10 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
+from multiprocessing import parent_process
+from multiprocessing.connection import wait
 from pathlib import Path
-from threading import local
+from threading import Thread, local
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -85,7 +87,19 @@ def _tasks(conditions: int, seeds: Sequence[int]) -> Iterator[_Task]:
 
 def _executor(workers: int, *, fast: bool) -> Executor:
     """Compiled kernels release the interpreter's lock, so threads do; Python itself needs processes."""
-    return ThreadPoolExecutor(workers) if fast else ProcessPoolExecutor(workers)
+    return ThreadPoolExecutor(workers) if fast else ProcessPoolExecutor(workers, initializer=_end_with_parent)
+
+
+def _end_with_parent() -> None:
+    """Let a worker end when the experiment is killed: its queue would never tell, for it holds both ends."""
+    parent = parent_process()
+    if parent is not None:
+        Thread(target=_follow, args=(parent.sentinel,), daemon=True).start()
+
+
+def _follow(sentinel: int) -> None:
+    wait([sentinel])
+    os._exit(1)
 
 
 _prepared = local()

@@ -36,6 +36,8 @@ MOVES = ((0, -1), (0, 1), (-1, 0), (1, 0))
 GAMMA, ALPHA, EPISODES = 0.9, 0.1, figure2.EPISODES
 State = tuple[int, int, int, int]
 """Row and column of the player, then of the box."""
+Observation = npt.NDArray[np.int64]
+"""The same as an array, as Gymnasium's environments return it."""
 
 
 class RoomEnv(gymnasium.Env[Any, Any]):
@@ -91,20 +93,21 @@ class RoomEnv(gymnasium.Env[Any, Any]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[State, dict[str, Any]]:
+    ) -> tuple[Observation, dict[str, Any]]:
         """Begin at the start that the options name."""
         super().reset(seed=seed)
         self.state = self.starts[(options or {"start": 0})["start"]]
-        return self.state, {}
+        return np.array(self.state), {}
 
-    def step(self, action: int) -> tuple[State, SupportsFloat, bool, bool, dict[str, Any]]:
+    def step(self, action: int) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
         """Move; solved and deadlocked states end the episode."""
         self.state = self.after(self.state, action)
+        seen = np.array(self.state)
         if self.state[2:] == self.goal:
-            return self.state, 10.0, True, False, {}
+            return seen, 10.0, True, False, {}
         if self.state not in self.distance:
-            return self.state, -10.0, True, False, {}
-        return self.state, 0.0, False, False, {}
+            return seen, -10.0, True, False, {}
+        return seen, 0.0, False, False, {}
 
 
 class Researcher:
@@ -112,7 +115,8 @@ class Researcher:
 
     def __init__(self, xsb: str) -> None:
         room = RoomEnv(xsb)
-        self.env = gymnasium.wrappers.TimeLimit(room, max_episode_steps=200)
+        gymnasium.register("Room-v0", lambda **_: RoomEnv(xsb), max_episode_steps=200)
+        self.env = gymnasium.make("Room-v0")
         self.optimal = {state: room.optimal(state) for state in room.starts}
         self.n_starts = len(room.starts)
 
@@ -136,7 +140,8 @@ class Researcher:
         starts = rng.choice(self.n_starts, 4, replace=False)
         measures = np.zeros((EPISODES, 4))
         for episode in range(EPISODES):
-            state, _ = self.env.reset(options={"start": int(starts[episode % 4])})
+            seen, _ = self.env.reset(options={"start": int(starts[episode % 4])})
+            state = tuple(seen.tolist())
             done, discount, n_steps, inputs, errors, total = False, 1.0, 0, 0, 0.0, 0.0
             while not done:
                 row = q[state]
@@ -151,7 +156,8 @@ class Researcher:
                         wrong = [other for other in range(4) if other != preferred[state]]
                         right = action == wrong[rng.integers(3)] if labels else not right
                     h = 1.0 if right else -1.0
-                after, reward, terminated, truncated, _ = self.env.step(action)
+                seen, reward, terminated, truncated, _ = self.env.step(action)
+                after = tuple(seen.tolist())
                 ahead = 0.0 if terminated else q[after].max()
                 delta = float(reward) + GAMMA * ahead - row[action]
                 row[action] += ALPHA * (delta + h)
