@@ -21,8 +21,8 @@ from services.runtime.clock import Clock, SystemClock
 __all__ = ["MonitorConfig", "MonitorCounts", "MonitorError", "run"]
 
 POLL_S = 0.2
-FILES_TIMEOUT_S = 2.0
-VIEWERS_TIMEOUT_S = 2.0
+FILES_TIMEOUT_S = 3.0
+VIEWERS_TIMEOUT_S = 1.5
 """Files, then viewers: together under the five seconds in which every service ends."""
 
 _LOG = logging.getLogger(__name__)

@@ -115,7 +115,7 @@ def record(path: Path, tab: int) -> None:
 def display() -> Iterator[dict[str, str]]:
     """A virtual display, as environment for the viewer."""
     # Larger than the window, so that the pointer, which rests in the middle, is beside it.
-    screen = f"{SIZE[0] * 3}x{SIZE[1] * 3}x24"
+    screen = f"{SIZE[0] * 5}x{SIZE[1] * 5}x24"
     process = subprocess.Popen(
         ["Xvfb", DISPLAY, "-screen", "0", screen, "-nolisten", "tcp"],
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
@@ -157,7 +157,7 @@ def small(path: Path) -> None:
     """Bring a picture to the size of the window and to 256 colours: a README loads it every time."""
     with Image.open(path) as picture:
         shrunk = picture.convert("RGB").resize(SIZE, Image.Resampling.LANCZOS)
-        shrunk.quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
+        shrunk.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
 class Running:
