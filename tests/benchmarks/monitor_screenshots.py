@@ -207,7 +207,7 @@ def web(path: Path) -> bool:
             tab.open(url + "&renderer=webgl")
             for message in messages[-400:]:
                 monitor.publish(message)
-                tab.wire.look(STEP_S / 4)
+                tab.wire.look(STEP_S / 2)
             tab.screenshot(path)
             tab.close()
     finally:
