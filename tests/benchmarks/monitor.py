@@ -21,7 +21,7 @@ import tempfile
 import threading
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -62,7 +62,7 @@ class Monitor:
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         for stream in (self.process.stdout, self.process.stderr):
-            threading.Thread(target=lambda s=stream: [lines.put(line) for line in s], daemon=True).start()
+            threading.Thread(target=_read, args=(stream, lines), daemon=True).start()
         while "rerun --connect" not in lines.get(timeout=WAIT_S):
             pass
 
@@ -84,6 +84,11 @@ class Monitor:
             self.process.wait(10)
         finally:
             self.process.kill()
+
+
+def _read(stream: Iterable[str], lines: queue.SimpleQueue[str]) -> None:
+    for line in stream:
+        lines.put(line)
 
 
 @contextmanager

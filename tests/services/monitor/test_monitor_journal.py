@@ -1,6 +1,7 @@
 """Recordings against the journal: made live, by a monitor that was restarted, and again from the journal."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -145,7 +146,7 @@ def test_every_curve_and_picture_holds_what_the_journal_tells(room: Classroom, t
     told = list(messages_of(room.data_dir, "s1"))
     episodes = [message for message in told if isinstance(message, Episode)]
     steps = [message for message in told if isinstance(message, Step)]
-    values = {
+    values: dict[str, Callable[[Episode], list[float]]] = {
         "curves/td_error": lambda e: [e.abs_td_error, e.abs_td_error_shaped],
         "curves/return": lambda e: [e.discounted_return, e.discounted_env_return],
         "curves/inputs": lambda e: [float(e.inputs)],
@@ -182,8 +183,8 @@ def test_every_curve_and_picture_holds_what_the_journal_tells(room: Classroom, t
         for teacher in ("ann", "bob")
         for at, (state,) in rows_of(path, f"teachers/{teacher}", "StateChange:state")
     }
-    said = {(said.teacher, step.decision): said.action for step in steps for said in step.said}
-    assert {key: state for key, state in lanes.items() if state} == said
+    labels_given = {(each.teacher, step.decision): each.action for step in steps for each in step.said}
+    assert {key: state for key, state in lanes.items() if state} == labels_given
 
 
 def test_the_journal_is_handed_out_page_by_page_without_gap_or_repeat(room: Classroom) -> None:
