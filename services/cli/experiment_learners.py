@@ -76,8 +76,7 @@ def learners(  # noqa: PLR0917 - one argument a flag
     worlds = [replace(world_spec(one, starts), deadlock_reward=deadlock_reward) for one in levels]
     conditions = [one for world in worlds for one in experiment.conditions(world, rows, columns)]
     results, seconds, sha256 = run_all(conditions, numbers, workers, out, plain=no_compile)
-    resampling = Resampling(seed=seed)
-    found: list[LevelFindings] = []
+    found, resampling = [], Resampling(seed=seed)
     each = len(rows) * len(columns)
     for place, name in enumerate(levels):
         part = slice(place * each, (place + 1) * each)
