@@ -47,6 +47,7 @@ FIRST = "monday-group"
 ENDED_S = 100_000.0
 WAITED_S = {"solo": 240.0, "pilot-8": 4.0}
 """How long ago the learner of a session said something."""
+PNG_BYTES_MAX = 300_000
 TABS = ("monitor", "teachers", "overview")
 """Names of the pictures, by tab."""
 
@@ -105,6 +106,7 @@ def record(path: Path, tab: int) -> None:
         view.decided_s = ENDED_S - WAITED_S.get(name, 0.0)
     first = views[FIRST]
     write(writer, first, ENDED_S + 0.1)
+    recording.flush(timeout_sec=10)  # what stands in the texts comes early in the file: a viewer is quick
     glances = [glance(name, view, ENDED_S) for name, view in sorted(views.items())]
     writer.write(draw_overview(glances, first.chronicle.moment))
     recording.flush(timeout_sec=10)
@@ -154,10 +156,12 @@ def native(path: Path, source: list[str], wait_s: float) -> bool:
 
 
 def small(path: Path) -> None:
-    """Bring a picture to the size of the window and to 256 colours: a README loads it every time."""
+    """Bring a picture to the size of the window, and to few enough bytes: a README loads it every time."""
     with Image.open(path) as picture:
         shrunk = picture.convert("RGB").resize(SIZE, Image.Resampling.LANCZOS)
-        shrunk.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(path, optimize=True)
+    shrunk.save(path, optimize=True)
+    if path.stat().st_size > PNG_BYTES_MAX:
+        shrunk.quantize(256, kmeans=1, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
 class Running:
