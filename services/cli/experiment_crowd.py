@@ -28,6 +28,7 @@ from sfid_core.experiments.crowd import CrowdCondition
 from sfid_core.experiments.summary import Arm, ArmSummary
 
 ALONE, MIXED = "alone", "30 % random"
+SHORT = {ALONE: "", MIXED: ", random too"}
 
 
 def add_to(app: typer.Typer) -> None:
@@ -207,7 +208,7 @@ def _lines(
         mean, ci = summary.totals[total]
         points.setdefault((condition.quality, company), []).append((condition.size, mean, *ci))
     return tuple(
-        Line(f"{quality}, {company}", size, mean, lo, hi, qualities.index(quality), int(company == MIXED))
+        Line(quality + SHORT[company], size, mean, lo, hi, qualities.index(quality), int(company == MIXED))
         for (quality, company), rows in points.items()
         for size, mean, lo, hi in (np.array(rows, dtype=np.float64).T,)
     )

@@ -21,7 +21,7 @@ EPISODES = 30
 """The founding paper's session."""
 SIZES = (1, 2, 3, 5, 7, 10, 14, 20)
 """Members who look at the state, in the sweep."""
-QUALITIES = {"careless (0.6)": "careless", "good (0.8)": "good", "very good (0.95)": "good@0.95"}
+QUALITIES = {"60 % right": "careless", "80 % right": "good", "95 % right": "good@0.95"}
 """Members of the sweep by how they are called: the probability that they are right."""
 RANDOM_SHARE = 0.3
 """Share of the whole crowd that answers at random, in the sweep's second half and in the claim."""

@@ -96,7 +96,7 @@ def test_what_changes_the_results_changes_the_digest_and_what_does_not_does_not(
         CrowdCondition("good:2", ROOM, episodes=29),
     ]
     assert base.digest not in {one.digest for one in changed}
-    assert CrowdCondition("good:2", ROOM, quality="good (0.8)", size=2).digest == base.digest
+    assert CrowdCondition("good:2", ROOM, quality="80 % right", size=2).digest == base.digest
 
 
 def test_one_expert_is_always_right_and_always_heard() -> None:
