@@ -13,18 +13,25 @@ import threading
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 
-STALLED_S = 10.0
-LOOK_S = 1.0
 READ_BYTES = 1 << 18
-VIEWERS_MAX = 32
-WAITING_MAX = 192 << 20
-"""Bytes that wait for one viewer: more than both histories, which a late viewer gets at once."""
-ALL_WAITING_MAX = 256 << 20
 START_TIMEOUT_S = 5.0
 
 Receive = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 
 _LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """How much patience there is with viewers."""
+
+    stalled_s: float = 10.0
+    """A viewer that has bytes waiting and takes none for so long is cut."""
+    look_s: float = 1.0
+    viewers_max: int = 32
+    waiting_max: int = 192 << 20
+    """Bytes that wait for one viewer: more than both histories, which a late viewer gets at once."""
+    all_waiting_max: int = 256 << 20
 
 
 @dataclass(eq=False, slots=True)
@@ -44,7 +51,9 @@ class _Viewer:
 class Guard:
     """Listens where viewers come, and passes each on to the server; one thread for all of them."""
 
-    def __init__(self, pairs: list[tuple[int, int]], bind: str, host: str) -> None:
+    def __init__(
+        self, pairs: list[tuple[int, int]], bind: str, host: str, limits: Limits | None = None
+    ) -> None:
         """Listen on the first port of each pair for the server at the second; raises OSError.
 
         Args: bind: address that viewers reach; host: address of the servers.
@@ -53,6 +62,7 @@ class Guard:
         """Viewers that were cut because they did not keep up."""
         self._viewers: set[_Viewer] = set()
         self._host = host
+        self._limits = limits or Limits()
         self._loop = asyncio.new_event_loop()
         self._servers: list[asyncio.Server] = []
         self._thread = threading.Thread(target=self._run, name="monitor-guard", daemon=True)
@@ -84,7 +94,9 @@ class Guard:
 
     def _receiver(self, upstream: int) -> Receive:
         async def receive(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            await self._receive(upstream, reader, writer)
+            # Cancelled is how we end; asyncio's own callback would call it a fault.
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._receive(upstream, reader, writer)
 
         return receive
 
@@ -102,8 +114,8 @@ class Guard:
     async def _receive(
         self, upstream: int, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
-        if len(self._viewers) >= VIEWERS_MAX:
-            _LOG.warning("a viewer is turned away: %d connections are the most", VIEWERS_MAX)
+        if len(self._viewers) >= self._limits.viewers_max:
+            _LOG.warning("a viewer is turned away: %d connections are the most", self._limits.viewers_max)
             writer.transport.abort()
             return
         viewer = _Viewer(writer, moved_s=self._loop.time())
@@ -133,21 +145,20 @@ class Guard:
                 up.write(data)
                 await up.drain()
 
-    @staticmethod
-    async def _pass_down(down: asyncio.StreamReader, viewer: _Viewer) -> None:
+    async def _pass_down(self, down: asyncio.StreamReader, viewer: _Viewer) -> None:
         with contextlib.suppress(OSError):
             while data := await down.read(READ_BYTES):
                 # No `drain`: that would hand the viewer's slowness on to the server.
                 viewer.writer.write(data)
                 viewer.given += len(data)
-                if viewer.waiting() > WAITING_MAX:
+                if viewer.waiting() > self._limits.waiting_max:
                     return
             # The server has ended: let the viewer have the rest.
-            await asyncio.wait_for(viewer.writer.drain(), STALLED_S)
+            await asyncio.wait_for(viewer.writer.drain(), self._limits.stalled_s)
 
     async def _look(self) -> None:
         while True:
-            await asyncio.sleep(LOOK_S)
+            await asyncio.sleep(self._limits.look_s)
             self._cut_who_stalls(self._loop.time())
 
     def _cut_who_stalls(self, now_s: float) -> None:
@@ -155,9 +166,9 @@ class Guard:
             sent = viewer.given - viewer.waiting()
             if sent != viewer.sent or not viewer.waiting():
                 viewer.sent, viewer.moved_s = sent, now_s
-            elif now_s - viewer.moved_s > STALLED_S:
-                self._drop(viewer, f"takes nothing for {STALLED_S:.0f} s")
-        while sum(viewer.waiting() for viewer in self._viewers) > ALL_WAITING_MAX:
+            elif now_s - viewer.moved_s > self._limits.stalled_s:
+                self._drop(viewer, f"takes nothing for {self._limits.stalled_s:.0f} s")
+        while sum(viewer.waiting() for viewer in self._viewers) > self._limits.all_waiting_max:
             self._drop(max(self._viewers, key=_Viewer.waiting), "is too far behind")
 
     def _drop(self, viewer: _Viewer, why: str) -> None:

@@ -46,6 +46,8 @@ BATCH = 500
 """Decisions sent between two looks at the monitor."""
 MEMORY_MB_MAX = 700
 WAIT_S = 60.0
+PAUSE = threading.Event()
+"""Never set: other processes are waited for, and looked at now and then."""
 VIEWERS = 10
 
 
@@ -144,7 +146,7 @@ def hours(count: float) -> dict[str, object]:
                 settle(monitor)
                 resident.append(monitor.memory_mb()[0])
         sent_s = time.monotonic() - begun
-        time.sleep(6.0)
+        PAUSE.wait(6.0)
         appeared_s = late(Path(name) / "late.rrd", monitor, stack)
         now_mb, most_mb = monitor.memory_mb()
         tenth = max(1, len(resident) // 10)
@@ -167,7 +169,7 @@ def settle(monitor: Monitor) -> None:
     """Wait until the monitor has worked off what it was sent: its CPU time stands nearly still."""
     before = monitor.cpu_s()
     while True:
-        time.sleep(0.05)
+        PAUSE.wait(0.05)
         now = monitor.cpu_s()
         if now - before < 0.04:
             return
@@ -187,7 +189,7 @@ def late(path: Path, monitor: Monitor, stack: ExitStack) -> float:
                     return time.monotonic() - begun
             except (OSError, RuntimeError, ValueError):
                 pass
-        time.sleep(0.05)
+        PAUSE.wait(0.05)
     return float("inf")
 
 
@@ -215,9 +217,9 @@ def _taught(rig: Rig, monitor: Monitor, session: str, viewers: str, labels: int)
         for number in range({"absent": 0, "stopped": 1, "ten": VIEWERS}[viewers]):
             process = stack.enter_context(viewer(rig.data / f"{session}-{number}.rrd", monitor))
             if viewers == "stopped":
-                time.sleep(1.0)
+                PAUSE.wait(1.0)
                 process.send_signal(signal.SIGSTOP)
-        time.sleep(1.0)
+        PAUSE.wait(1.0)
         window = WindowSpec(mode="until-answered", span_ms=1_000)
         rig.operator.create(session_config(session, window, 1_000_000))
         times = _labels(rig, session, labels)

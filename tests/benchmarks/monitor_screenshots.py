@@ -14,7 +14,6 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -42,6 +41,9 @@ SIZE = (1600, 900)
 DISPLAY = ":97"
 TEACHERS = (("ada", 0.95), ("ben", 0.8), ("cyd", 0.55))
 STEP_S = 0.25
+SETTLE_S = 15.0
+"""A browser that draws without a graphics card takes this long to catch up."""
+PAUSE = threading.Event()
 START_S = 60.0
 FIRST = "monday-group"
 ENDED_S = 100_000.0
@@ -101,6 +103,8 @@ def record(path: Path, tab: int) -> None:
             view.take(message, now_s)
             now_s += STEP_S / 2 if isinstance(message, Decision) else 0.0
             write(writer, view, now_s) if name == FIRST else view.tick(now_s)
+            if message is messages[0]:
+                recording.flush(timeout_sec=10)  # every entity early: a viewer takes a frame for each new one
         for message in last:
             view.take(message, now_s + 10.0)
         view.decided_s = ENDED_S - WAITED_S.get(name, 0.0)
@@ -123,7 +127,7 @@ def display() -> Iterator[dict[str, str]]:
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     try:
-        time.sleep(1.0)
+        PAUSE.wait(1.0)
         yield {**os.environ, "DISPLAY": DISPLAY, "WGPU_BACKEND": "vulkan"}
     finally:
         process.terminate()
@@ -203,15 +207,16 @@ def web(path: Path) -> bool:
     monitor = Running()
     try:
         messages = lessons()[FIRST]
-        for message in messages[:-400]:
+        for message in messages[:-120]:
             monitor.publish(message)
         url = monitor.where.split("\n")[0].split(": ", 1)[1]
         with chromium() as browser:
             tab = browser.tab(browser.person(), SIZE)
             tab.open(url + "&renderer=webgl")
-            for message in messages[-400:]:
+            for message in messages[-120:]:
                 monitor.publish(message)
-                tab.wire.look(STEP_S / 2)
+                PAUSE.wait(STEP_S)
+            PAUSE.wait(SETTLE_S)
             tab.screenshot(path)
             tab.close()
     finally:

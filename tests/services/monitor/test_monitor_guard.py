@@ -6,9 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from services.monitor import guard as guarding
 from services.monitor.config import LOOPBACK, free_port
-from services.monitor.guard import Guard
+from services.monitor.guard import Guard, Limits
 
 pytestmark = pytest.mark.real
 
@@ -83,14 +82,11 @@ def test_a_viewer_who_takes_nothing_holds_up_neither_the_server_nor_another(serv
         guard.close()
 
 
-def test_a_viewer_who_stalls_is_cut_and_the_others_stay(
-    server: Server, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(guarding, "STALLED_S", 0.4)
-    monkeypatch.setattr(guarding, "LOOK_S", 0.1)
+def test_a_viewer_who_stalls_is_cut_and_the_others_stay(server: Server) -> None:
     server.length = 24 << 20
     port = free_port(set())
-    guard = Guard([(port, server.port)], LOOPBACK, LOOPBACK)
+    limits = Limits(stalled_s=0.4, look_s=0.1)
+    guard = Guard([(port, server.port)], LOOPBACK, LOOPBACK, limits)
     try:
         with connected(port) as frozen, connected(port) as awake:
             assert received(awake, server.length) == server.length
@@ -108,11 +104,10 @@ def test_a_viewer_who_stalls_is_cut_and_the_others_stay(
         guard.close()
 
 
-def test_a_viewer_too_far_behind_is_cut(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guarding, "WAITING_MAX", 4 << 20)
+def test_a_viewer_too_far_behind_is_cut(server: Server) -> None:
     server.length = 64 << 20
     port = free_port(set())
-    guard = Guard([(port, server.port)], LOOPBACK, LOOPBACK)
+    guard = Guard([(port, server.port)], LOOPBACK, LOOPBACK, Limits(waiting_max=4 << 20))
     try:
         with connected(port) as frozen:
             assert not server.sent.acquire(timeout=1.0)
