@@ -1,5 +1,6 @@
 """`sfid router|environment|learner|monitor`: one service each."""
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -16,6 +17,9 @@ from services.cli.options import (
 )
 from services.cli.waiting import service_bus
 from services.runtime.process import ProcessConfig, ServiceProcess
+
+WATCHING_YIELDS = 10
+"""Niceness of the monitor: where processors are few, teaching goes first."""
 
 
 def add_to(app: typer.Typer) -> None:
@@ -104,6 +108,7 @@ def monitor(  # noqa: PLR0917 - one argument a flag
     from services.monitor.service import MonitorConfig, run
 
     checked(deployment, "deployment")
+    os.nice(WATCHING_YIELDS)
     process = ServiceProcess(ProcessConfig("monitor", supervised_fd, verbose))
     bus = service_bus(connect, process.stop)
     config = MonitorConfig(
