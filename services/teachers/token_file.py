@@ -8,6 +8,7 @@ from services.client import TeachingError
 MARK = "#t="
 """Before the token in a link, as `sfid invite` prints it."""
 _READ_MAX = 16_384
+"""Characters: an invitation with its QR code has some 3,000."""
 
 
 def read_token(path: Path) -> str:
@@ -16,16 +17,14 @@ def read_token(path: Path) -> str:
     Raises: TeachingError with the mend; its text never holds the token.
     """
     try:
-        with path.open(encoding="ascii") as file:
+        with path.open(encoding="utf-8", errors="replace") as file:
             text = file.read(_READ_MAX)
     except OSError as error:
         raise TeachingError(f"{path}: {error.strerror or error}: name a readable --token-file") from None
-    except UnicodeDecodeError:
-        text = ""
     words = text.split()
     linked = [word.partition(MARK)[2] for word in words if MARK in word]
     token = linked[0] if linked else words[0] if len(words) == 1 else ""
-    if not 0 < len(token) <= TOKEN_CHARACTERS_MAX or token.count(".") != 1:
+    if not 0 < len(token) <= TOKEN_CHARACTERS_MAX or not token.isascii() or token.count(".") != 1:
         message = f"{path}: no token in it: write there what `sfid invite --name NAME` prints"
         raise TeachingError(message)
     return token

@@ -15,7 +15,7 @@ SIGNED = "Zm9v.YmFy"
     [
         SIGNED,
         f"{SIGNED}\n",
-        f"http://127.0.0.1:7480/#t={SIGNED}\nfor ann alone, to teach s1 until 2026-01-01 10:00; id 00\n",
+        f"\u2588\u2580\nhttp://127.0.0.1:7480/#t={SIGNED}\nfor ann alone, to teach s1; id 00\n",
     ],
 )
 def test_a_token_is_read_from_a_file_of_its_own_or_from_a_printed_invitation(
