@@ -14,6 +14,7 @@ from services.monitor.sampling import LIVE_POINT_MS, Pace
 from services.monitor.scene import (
     Frame,
     Stage,
+    TeacherColours,
     ViewError,
     draw_world,
     frame_of_decision,
@@ -191,7 +192,7 @@ class SessionView:
             self._draw_count_down(rows, now_s, pace)
             return
         try:
-            rows.scene.append(draw_world(frame, self.chronicle.colours, self._share_left(frame, now_s)))
+            rows.scene.append(draw_world(frame, self._colours(), self._share_left(frame, now_s)))
         except ViewError:  # the chronicle counts it, and tells the first
             return
         self._policy_stale |= self._shown is None or self._shown.view != frame.view
@@ -204,7 +205,7 @@ class SessionView:
             return
         if self._stage.is_free(now_s) and self._is_due("count-down", now_s, COUNT_DOWN_PERIOD_S * pace):
             share = self._share_left(shown, now_s)
-            rows.scene.append(draw_world(shown, self.chronicle.colours, share))
+            rows.scene.append(draw_world(shown, self._colours(), share))
 
     def _share_left(self, frame: Frame, now_s: float) -> float | None:
         """How much of the window is left, if it is this frame's decision that is open."""
@@ -214,6 +215,10 @@ class SessionView:
         if frame.moment.step != decision.decision or frame.said:
             return None
         return min(1.0, left_s * 1000 / decision.window.span_ms)
+
+    def _colours(self) -> TeacherColours:
+        """The chronicle gives colours in the order of the past; what is drawn before that gives none away."""
+        return self.chronicle.colours if self._earlier is None else TeacherColours()
 
     def _draw_policy(self, rows: Rows) -> None:
         if self._shown is None or not self._policy_stale:

@@ -1,0 +1,123 @@
+"""What the monitor says about teachers and sessions: doubts, reliability, and all sessions at a glance."""
+
+import msgspec
+import numpy as np
+
+from protocol.messages import Crowd, Decision, Episode, SaidBy, Step, WorkerReliability
+from services.monitor.doubts import Doubts
+from services.monitor.overview import draw_overview, glance
+from services.monitor.reliability import Reliability
+from services.monitor.rows import Moment
+from services.monitor.scene import TeacherColours
+from services.monitor.session_view import SessionView
+from tests.services.monitor.feeder import WALL_NS, Lesson
+from tests.services.monitor.test_monitor_pictures import decoded
+
+SECOND_NS = 10**9
+
+
+def told(*labels: tuple[str, str], at_s: int = 0, state: bytes = b"s", **changes: object) -> Step:
+    step = next(each for each in Lesson(episodes=1).messages() if isinstance(each, Step))
+    said = tuple(SaidBy(teacher=name, kind="label", action=action) for name, action in labels)
+    label = labels[0][1] if labels else None
+    return msgspec.structs.replace(
+        step, said=said, label=label, at_ns=WALL_NS + at_s * SECOND_NS, state=state, **changes
+    )
+
+
+def test_a_state_is_doubtful_by_what_cannot_all_be_right() -> None:
+    doubts = Doubts()
+    assert not doubts.add(told(), 7)
+    doubts.add(told(("ada", "UP"), ("ben", "UP"), action="DOWN"), 7)
+    doubts.add(told(("ada", "UP"), ("ben", "LEFT"), action="DOWN"), 7)
+    blocked = told(("ada", "DOWN"), action="DOWN")
+    doubts.add(msgspec.structs.replace(blocked, next_view=blocked.view), 7)
+    doubts.add(told(("ada", "UP"), state=b"fine", action="DOWN"), 9)
+    (state,) = doubts.worst()
+    assert (state.visits, state.split, state.turned, state.blocked, state.fatal) == (3, 1, 2, 1, 0)
+    assert state.reasons() == (
+        "teachers differed on 1 of 3 visits; a teacher changed their mind 2 times; "
+        "the named move moved nothing once"
+    )
+    assert doubts.cells() == {7: (3, 1), 9: (1, 0)}
+
+
+def test_the_state_labelled_longest_ago_is_forgotten_first() -> None:
+    doubts = Doubts(states_max=2)
+    for name in (b"a", b"b", b"a", b"c"):
+        doubts.add(told(("ada", "UP"), ("ben", "DOWN"), state=name), 1)
+    assert sorted(state.visits for state in doubts.worst()) == [1, 2]
+
+
+def test_who_errs_against_two_who_agree_is_found_less_reliable_and_one_alone_is_not_rated() -> None:
+    reliability = Reliability(TeacherColours())
+    for number in range(60):
+        wrong = "LEFT" if number % 2 else "UP"
+        labels = (("ada", "UP"), ("ben", "UP"), ("cyd", wrong))
+        reliability.add(told(*labels, at_s=number), Moment(number))
+    reliability.add(told(("dan", "UP"), at_s=100), Moment(100))
+    curves = {row.teacher: row for row in reliability.take()}
+    assert set(curves) == {"ada", "ben", "cyd"}
+    assert all(len(row.moments) == 60 for row in curves.values())
+    assert curves["cyd"].means[-1] + 2 * curves["cyd"].errors[-1] < curves["ada"].means[-1]
+    assert curves["ada"].errors[-1] < curves["ada"].errors[0]
+
+
+def test_an_aggregators_report_is_shown_as_it_is_once_a_second_at_most() -> None:
+    reliability = Reliability(TeacherColours())
+    worker = WorkerReliability(
+        worker="ada", mean=0.75, standard_error=0.125, labels=9, standing="good", present=True
+    )
+    for number in range(4):
+        at_ns = WALL_NS + number * SECOND_NS // 2
+        crowd = Crowd(
+            session="s", aggregator="crowd", epoch=1, decision=number, at_ns=at_ns,
+            cause="quorum", members=1, answered=1, conclusions=number, too_late=0, workers=(worker,),
+        )  # fmt: skip
+        reliability.add_crowd(crowd, Moment(number))
+    (row,) = reliability.take()
+    assert (row.moments, row.means, row.errors) == ((Moment(0), Moment(2)), (0.75, 0.75), (0.125, 0.125))
+
+
+def view_of(**changes: object) -> SessionView:
+    view = SessionView(0.0)
+    for message in Lesson(episodes=2).messages():
+        if not isinstance(message, Decision) or message.phase != "finished":
+            view.take(message, 10.0)
+    assert view.decision is not None
+    view.take(msgspec.structs.replace(view.decision, sequence=view.decision.sequence + 1, **changes), 10.0)
+    return view
+
+
+def test_a_session_that_waits_is_told_apart_from_one_that_goes_on() -> None:
+    def state(now_s: float, **changes: object) -> tuple[str, bool]:
+        card = glance("s", view_of(**changes), now_s)
+        return card.state, card.stuck
+
+    assert state(11.0, phase="asking") == ("teaching", False)
+    assert state(200.0, phase="asking") == ("no answer for 3 min", True)
+    assert state(40.0, phase="executing") == ("silent for 30 s", True)
+    assert state(999.0, phase="gathering") == ("waiting for teachers", True)
+    assert state(999.0, phase="asking", paused=True) == ("paused", False)
+    assert state(999.0, phase="finished") == ("finished", False)
+    assert state(11.0, phase="asking", teachers=(), teachers_present=0) == ("running alone", False)
+
+
+def test_five_unsolved_episodes_are_a_session_to_look_after() -> None:
+    view = view_of(phase="asking")
+    last = view.recent[-1]
+    for number in range(5):
+        episode: Episode = msgspec.structs.replace(last, episode=2 + number, outcome="cap")
+        view.take(episode, 10.0)
+    assert glance("s", view, 11.0).state == "5 episodes unsolved"
+
+
+def test_all_sessions_are_cards_in_one_picture_who_needs_somebody_first() -> None:
+    views = {"fine": view_of(phase="asking"), "stuck": view_of(phase="gathering")}
+    cards = [glance(name, view, 11.0) for name, view in views.items()]
+    alone, palette = decoded(draw_overview(cards[:1], Moment(3)).png)
+    both, _ = decoded(draw_overview(cards, Moment(3)).png)
+    assert both.shape[1] > alone.shape[1]
+    assert len(palette) <= 256
+    first = palette[both[20, 9]]
+    assert np.array_equal(first, (255, 92, 84))
