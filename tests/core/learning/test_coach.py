@@ -60,3 +60,13 @@ def test_actions_are_drawn_with_the_probabilities_of_the_policy() -> None:
     counts = Counter(pupil.choose(S0, decision) for decision in range(8000))
     assert counts[UP] == pytest.approx(3803, abs=180)
     assert counts[LEFT] == pytest.approx(1399, abs=140)
+
+
+@pytest.mark.parametrize("trace", [0.0, 0.9])
+def test_a_state_met_again_in_the_next_episode_starts_without_a_trace(trace: float) -> None:
+    """alpha 1: UP in silence, then, an episode later, LEFT with praise: the gradient of LEFT alone."""
+    pupil = Pupil("coach", alpha=1.0, trace=trace)
+    pupil.do(S0, UP)
+    pupil.begin(1)
+    pupil.do(S0, LEFT, 0.0, rewards(1.0), S1)
+    assert pupil.rounded(S0) == [0.75, -0.25, -0.25, -0.25]

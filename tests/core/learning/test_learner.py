@@ -3,7 +3,7 @@
 import struct
 from hashlib import sha256
 
-from tests.core.learning.pupil import S0, S1, Pupil
+from tests.core.learning.pupil import LEFT, S0, S1, UP, Pupil, labels
 
 
 def test_looking_at_a_state_teaches_nothing() -> None:
@@ -32,3 +32,11 @@ def test_the_digest_does_not_depend_on_the_order_of_learning_and_notices_the_las
     assert one.sha256() == other.sha256()
     other.do(S0, 0, 1.0 + 2.0**-52)
     assert one.sha256() != other.sha256()
+
+
+def test_the_digest_covers_every_block_of_a_state() -> None:
+    """Label UP, LEFT taken, alpha 0.5: Q(s0, LEFT) = 0.5 * -1, then the label's agreement with each action."""
+    pupil = Pupil("sfid-memory", alpha=0.5, policy="shaped")
+    pupil.do(S0, LEFT, 0.0, labels(UP))
+    expected = sha256(S0 + struct.pack("<8d", -0.5, 0.0, 0.0, 0.0, -1.0, -1.0, 1.0, -1.0))
+    assert pupil.sha256() == expected.hexdigest()

@@ -86,3 +86,40 @@ def test_a_step_without_a_duration_takes_all_the_credit(credit: str) -> None:
     tamer.do(S1, LEFT, 0.0, rewards(-1.0), S2)
     tamer.begin(1)
     assert (tamer.rounded(S0), tamer.rounded(S1)) == ([0, 0, 0.5, 0], [-0.5, 0, 0, 0])
+
+
+def test_an_answer_takes_no_longer_than_the_end_of_the_window() -> None:
+    """Praise 600 to 1000 ms after the step was seen; answers take 200 to 800: credit 200 of the 600 ms."""
+    tamer = Pupil("tamer", alpha=1.0, credit="individual")
+    tamer.do(S0, UP, 0.0, rewards(1.0), S1, delay_ms=1000, span_ms=400)
+    assert tamer.rounded(S0) == [0, 0, round(1 / 3, 9), 0]
+
+
+def test_a_sample_stays_open_as_long_as_an_answer_can_still_be_about_its_step() -> None:
+    """Steps of 700 ms; praise 50 ms into the third, 750 to 1450 ms after the first: credit 50 of 600 ms."""
+    tamer = Pupil("tamer", alpha=1.0, credit="aggregate")
+    tamer.do(S0, UP, 0.0, (), S1, span_ms=700)
+    tamer.do(S1, LEFT, 0.0, (), S2, span_ms=700)
+    tamer.do(S2, DOWN, 0.0, rewards(1.0), S0, delay_ms=50, span_ms=700)
+    assert tamer.rounded(S0) == [0, 0, round(50 / 600, 9), 0]
+
+
+def test_a_long_step_cut_off_by_the_end_counts_by_the_answers_that_could_have_come() -> None:
+    """2000 ms, praise after 500: credit 300 of 600 ms. Mean over lags x of min((x - 200) / 600, 1): 0.75."""
+    tamer = Pupil("tamer", alpha=1.0, credit="aggregate")
+    tamer.do(S0, UP, 0.0, rewards(1.0), S1, delay_ms=500, span_ms=2000)
+    assert tamer.rounded(S0) == [0, 0, 0, 0]
+    tamer.begin(1)
+    assert tamer.rounded(S0) == [0, 0, round(0.5 / 0.75, 9), 0]
+
+
+def test_every_episode_samples_its_first_step_anew() -> None:
+    """As in the test of the one sample: 2/3 of the praise, then, alpha being 1, 2/3 of the blame."""
+    tamer = Pupil("tamer", alpha=1.0, credit="aggregate")
+    seen(tamer)
+    tamer.begin(1)
+    tamer.steps = 0
+    tamer.do(S0, UP, 0.0, (), S1, span_ms=400)
+    tamer.do(S1, LEFT, 0.0, rewards(-1.0), S2, delay_ms=400, span_ms=400)
+    tamer.do(S2, DOWN, 0.0, (), S0, span_ms=400)
+    assert tamer.rounded(S0) == [0, 0, round(-2 / 3, 9), 0]

@@ -85,3 +85,16 @@ def test_epsilon_is_the_probability_of_any_action_beside_the_techniques() -> Non
         pupil.do(S0, UP, 1.0, rewards(1.0))
         chosen = [pupil.choose(S0, decision) for decision in range(4000)]
         assert chosen.count(UP) == pytest.approx(2800, abs=120)
+
+
+@pytest.mark.parametrize("praised", [LEFT, UP])
+def test_q_augmentation_looks_ahead_to_the_weighed_model_of_every_action(praised: int) -> None:
+    """All step sizes and gamma 0.5, weight 2. s1, praise, the end: H = 0.5, Q = 0.5 * (0 - 2 * 0.5) = -0.5.
+
+    s0, UP, silence, to s1: 0.5 * (-0.5 + 2 * 0.5) = 0.25; Eq. 2 looks at Q alone: 0.5 * 0 = 0.
+    """
+    pupil = Pupil(
+        "tamer-rl", alpha=0.5, gamma=0.5, model_alpha=0.5, technique="q-augmentation", weight=2.0, anneal=0.5
+    )
+    pupil.do(S1, praised, 0.0, rewards(1.0))
+    assert pupil.do(S0, UP, 0.0, (), S1) == Learned(0.0, 0.25, 0.0)
