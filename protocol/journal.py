@@ -127,17 +127,30 @@ def event_body(event: Event) -> tuple[Kind, bytes]:
 
 def step_body(event: StepTaken, elapsed_at_ns: int | None) -> bytes:
     """Return the body of a transition, with the closing by the clock that led to it, if one did."""
-    return pack(
-        [
-            event.decision,
-            event.reward,
-            event.outcome.value,
-            event.state,
-            event.view,
-            elapsed_at_ns,
-            event.distance,
-        ]
-    )
+    fields = [
+        event.decision,
+        event.reward,
+        event.outcome.value,
+        event.state,
+        event.view,
+        elapsed_at_ns,
+        event.distance,
+    ]
+    return pack(fields if event.action < 0 else [*fields, event.action])
+
+
+def read_step_body(body: bytes) -> tuple[StepTaken, int | None]:
+    """Return a transition and the closing by the clock that led to it; raise DecodeError when it is none."""
+    action = -1
+    try:
+        taken = _read("step", body, tuple[Count, Finite, str, StateKey, View, Nanoseconds | None, Distance])
+    except DecodeError:
+        *_, action = followed = _read(
+            "step", body, tuple[Count, Finite, str, StateKey, View, Nanoseconds | None, Distance, Count]
+        )
+        taken = followed[:7]
+    decision, reward, outcome, state, view, elapsed_at_ns, distance = taken
+    return StepTaken(decision, reward, Outcome(outcome), state, view, distance, action), elapsed_at_ns
 
 
 def digest_body(session: Session, q_sha256: str) -> bytes:
@@ -200,7 +213,8 @@ def _apply(folded: Folded, record: Record, actions: tuple[str, ...], numbers: di
         if isinstance(event, EpisodeBegan):
             folded.actions_taken.clear()
         elif isinstance(event, StepTaken):
-            folded.actions_taken.append(named(folded.session.action, actions))
+            taken = folded.session.action if event.action < 0 else event.action
+            folded.actions_taken.append(named(taken, actions))
         done = len(folded.session.episodes)
         _, effects = advance(folded.session, at_ns, event)
         if record.kind == Kind.ANSWER.value and read_answer_body(record.body)[0] is not _told(effects):
@@ -221,12 +235,10 @@ def events_of(record: Record, numbers: dict[str, int]) -> Iterator[tuple[int, Ev
     if kind == Kind.ANSWER.value:
         yield at_ns, answer_given(decode(read_answer_body(body)[2], Answer), numbers)
     elif kind == Kind.STEP.value:
-        decision, reward, outcome, state, view, elapsed_at_ns, distance = _read(
-            kind, body, tuple[Count, Finite, str, StateKey, View, Nanoseconds | None, Distance]
-        )
+        taken, elapsed_at_ns = read_step_body(body)
         if elapsed_at_ns is not None:
             yield elapsed_at_ns, WindowElapsed()
-        yield at_ns, StepTaken(decision, reward, Outcome(outcome), state, view, distance)
+        yield at_ns, taken
     elif kind == Kind.ELAPSED.value:
         yield at_ns, WindowElapsed()
     elif kind not in _NO_EVENT:

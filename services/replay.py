@@ -1,11 +1,11 @@
 """Rebuilding sessions and crowds from their journals, without any service."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import dataclass
 from pathlib import Path
 
 from protocol.crowd_journal import FoldedCrowd, fold_crowd
-from protocol.journal import Record, fold
+from protocol.journal import Kind, Record, fold
 from services.runtime.journal import read_rows
 from sfid_core.crowd.tally import Reliability
 
@@ -22,6 +22,8 @@ class Replayed:
     """Digests noted: at episodes 1, 2, 4, 8 and so on, and at the end."""
     events: int
     episodes: int
+    erased: int
+    """Answers erased, or corrected because of one that was."""
 
 
 def replay_directory(data_dir: Path, session: str | None = None) -> list[Replayed]:
@@ -29,13 +31,19 @@ def replay_directory(data_dir: Path, session: str | None = None) -> list[Replaye
 
     Raises: JournalError, or DecodeError when a row cannot be read.
     """
-    records = _by_session(data_dir, session)
-    return [replayed for name in sorted(records) if (replayed := _replayed(name, records[name])) is not None]
+    erased: Counter[str] = Counter()
+    records = _by_session(data_dir, session, erased)
+    found = (_replayed(name, records[name], erased[name]) for name in sorted(records))
+    return [replayed for replayed in found if replayed is not None]
 
 
-def _by_session(data_dir: Path, session: str | None) -> dict[str, list[Record]]:
+def _by_session(
+    data_dir: Path, session: str | None, erased: Counter[str] | None = None
+) -> dict[str, list[Record]]:
     records: dict[str, list[Record]] = defaultdict(list)
     for row in read_rows(data_dir, session):
+        if erased is not None and row.kind == Kind.ANSWER.value:
+            erased[row.session] += row.body is None or row.amended
         if row.body is not None:
             records[row.session].append(Record(row.kind, row.at_ns, row.body))
     return records
@@ -76,10 +84,10 @@ def _replayed_crowd(session: str, folded: FoldedCrowd) -> ReplayedCrowd:
     return ReplayedCrowd(session, config.aggregator, crowd.conclusions, not folded.mismatches, known)
 
 
-def _replayed(name: str, records: list[Record]) -> Replayed | None:
+def _replayed(name: str, records: list[Record], erased: int) -> Replayed | None:
     folded = fold(records)
     if folded is None:
         return None
     episodes = len(folded.session.episodes)
     digest = folded.session.learner.sha256()
-    return Replayed(name, digest, not folded.mismatches, folded.digests, folded.events, episodes)
+    return Replayed(name, digest, not folded.mismatches, folded.digests, folded.events, episodes, erased)

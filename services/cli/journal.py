@@ -59,7 +59,8 @@ def replay(
         for one in replayed:
             verdict = f"matches {one.digests} noted digests" if one.matches else "DIFFERS"
             counts = f"{one.events} events, {one.episodes} episodes"
-            print(f"{one.session}: {counts}, q_sha256 {one.q_sha256}: {verdict}")
+            erased = f", {one.erased} answers erased" if one.erased else ""
+            print(f"{one.session}: {counts}{erased}, q_sha256 {one.q_sha256}: {verdict}")
         for crowd in crowds:
             verdict = "matches what was handed on" if crowd.matches else "DIFFERS"
             counts = f"{crowd.conclusions} conclusions of {len(crowd.reliabilities)} workers"
@@ -118,7 +119,13 @@ def _replay_with(
 
 
 def _row(one: Replayed) -> dict[str, object]:
-    return {"session": one.session, "q_sha256": one.q_sha256, "matches": one.matches, "events": one.events}
+    return {
+        "session": one.session,
+        "q_sha256": one.q_sha256,
+        "matches": one.matches,
+        "events": one.events,
+        "erased": one.erased,
+    }
 
 
 def _crowd_row(one: ReplayedCrowd) -> dict[str, object]:
@@ -142,12 +149,14 @@ def verify(directory: DirectoryArgument, json: Json = False) -> None:
                 "ok": found.ok,
                 "sessions": found.sessions,
                 "labels": found.labels,
+                "erased": found.erased,
                 "problems": list(found.problems),
             }
         )
     else:
         verdict = "ok" if found.ok else "NOT OK"
-        print(f"{verdict}: {found.sessions} sessions, {found.labels} labels, {found.rows} rows")
+        erased = f" ({found.erased} of them erased)" if found.erased else ""
+        print(f"{verdict}: {found.sessions} sessions, {found.labels} labels{erased}, {found.rows} rows")
         for problem in found.problems:
             print(f"  {problem}")
     if not found.ok:

@@ -63,6 +63,9 @@ class StepTaken(NamedTuple):
     view: str
     distance: int = -1
     """Fewest steps from the new state to solved; -1 where there is no way or nobody knows."""
+    action: int = -1
+    """What was executed, where the table would choose otherwise now because answers were erased; -1: what
+    the session chose."""
 
 
 @dataclass(frozen=True, slots=True)

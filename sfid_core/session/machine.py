@@ -229,6 +229,8 @@ def _labels(answers: Iterable[Answer]) -> int:
 
 
 def _taken(session: Session, at_ns: int, event: StepTaken) -> Effects:
+    if event.action >= 0 and event.decision == session.decision:
+        _follow(session, event.action)
     if session.phase is not Phase.EXECUTING or event.decision != session.decision:
         return (Ignored("no such step was to be taken"),)
     if session.undo_due:
@@ -238,6 +240,14 @@ def _taken(session: Session, at_ns: int, event: StepTaken) -> Effects:
         session.answers.clear()
         return _ask(session, at_ns)
     return _learn(session, at_ns, event)
+
+
+def _follow(session: Session, action: int) -> None:
+    """Let the decision have taken this action, though the table, without erased answers, chooses another."""
+    session.action = action
+    session.undo_due = action == session.learner.memory.actions
+    if session.undo_due and session.phase is Phase.ASKING and session.transition is None:
+        session.phase, session.deadline_ns = Phase.EXECUTING, None
 
 
 def _learn(session: Session, at_ns: int, taken: StepTaken) -> Effects:

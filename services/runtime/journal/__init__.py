@@ -12,8 +12,8 @@ from services.runtime.journal.errors import (
     JournalLocked,
     JournalNewer,
 )
-from services.runtime.journal.shard import Shard
-from services.runtime.journal.verify import Verification, read_rows, verify
+from services.runtime.journal.shard import Shard, shard_directory
+from services.runtime.journal.verify import Verification, read_rows, shard_directories, verify
 
 __all__ = [
     "JournalDamaged",
@@ -27,5 +27,7 @@ __all__ = [
     "Shard",
     "Verification",
     "read_rows",
+    "shard_directories",
+    "shard_directory",
     "verify",
 ]

@@ -30,6 +30,7 @@ class Audit:
         seq: how many rows are proven, counted from the first.
         chain: the chain value after the last proven row.
         labels: how many of them are answers.
+        erased: how many of those were erased.
         sessions: the sessions they belong to.
         head: SQLite's head, None when it could not be read.
         ahead: rows behind SQLite's head that only the mirror holds, proven; `seq` counts them.
@@ -43,6 +44,7 @@ class Audit:
     seq: int = 0
     chain: bytes = b""
     labels: int = 0
+    erased: int = 0
     sessions: set[str] = field(default_factory=set)
     head: Head | None = None
     ahead: list[Record] = field(default_factory=list)
@@ -66,6 +68,7 @@ class Audit:
         self.sessions.add(record.session)
         if record.kind == LABEL_KIND:
             self.labels += 1
+            self.erased += record.body is None
         return encoded
 
 

@@ -34,6 +34,7 @@ class Row(NamedTuple):
         body: the payload, or None when it was erased.
         unique: 16 bytes no other row of the session has, or None.
         person: the pseudonym the body speaks of, or None.
+        amended: whether the body is what is read in place of an erased one.
     """
 
     seq: int
@@ -43,6 +44,7 @@ class Row(NamedTuple):
     body: bytes | None
     unique: bytes | None
     person: str | None
+    amended: bool = False
 
 
 class Record(NamedTuple):
@@ -91,7 +93,7 @@ def seal_row(prev: bytes, row: Row, salt: bytes) -> tuple[Record, bytes]:
     Raises:
         ValueError: a number or a text does not fit its field.
     """
-    seq, session, kind, at_ns, body, unique, person = row
+    seq, session, kind, at_ns, body, unique, person, _ = row
     if body is None:
         message = "a new row has a body"
         raise ValueError(message)

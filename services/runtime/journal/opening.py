@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from services.runtime.journal.audit import Audit, audit
+from services.runtime.journal.erasing import finish_erasing
 from services.runtime.journal.errors import JournalDamaged, JournalError, translated
 from services.runtime.journal.lock import read_epoch, write_epoch
 from services.runtime.journal.mirror import MIRROR_NAME, SHARD_ID_BYTES, Mirror, create_mirror, sync_directory
@@ -33,7 +34,9 @@ def open_files(directory: Path) -> Opened:
     Raises:
         JournalNewer, JournalDamaged, JournalFull, JournalError: as for `Shard.open`.
     """
+    finished = finish_erasing(directory)
     notes, found = _recovered(directory)
+    notes = (*finished, *notes)
     store = Store(directory)
     try:
         head = store.take_over(_epoch_or_zero(directory) + 1)

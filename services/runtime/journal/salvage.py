@@ -68,16 +68,27 @@ def rebuild(directory: Path) -> tuple[str, ...]:
     notes = []
     # The mirror first: from then on one file holds everything, whatever happens to the other.
     if not mirror.intact or list(mirror.records.values()) != records:
-        new = _fresh(directory / (MIRROR_NAME + ".new"))
+        new = fresh(directory / (MIRROR_NAME + ".new"))
         create_mirror(new, shard_id, (encoded for _, encoded in proof))
         notes.append(_put_in_place(new, directory / MIRROR_NAME, len(records)))
     head_holds = store.head is not None and (store.head.seq, store.head.chain) == _end_of(records, shard_id)
     if not store.intact or not head_holds or list(store.records.values()) != records:
-        new = _fresh(directory / (SQLITE_NAME + ".new"))
+        new = fresh(directory / (SQLITE_NAME + ".new"))
         epoch = store.head.epoch if store.head is not None else 0
         create_store(new, shard_id, epoch, records)
         notes.append(_put_in_place(new, directory / SQLITE_NAME, len(records)))
     return tuple(notes)
+
+
+def proven_rows(directory: Path) -> tuple[bytes, int, list[Record]]:
+    """Return the shard's id, SQLite's epoch (0 when it cannot be read) and every row of either file, proven.
+
+    Raises: JournalDamaged when rows are in neither.
+    """
+    mirror = _read_mirror(directory)
+    store = _read_store(directory, max(mirror.records, default=0))
+    shard_id, proof = _prove(directory, store, mirror)
+    return shard_id, 0 if store.head is None else store.head.epoch, [record for record, _ in proof]
 
 
 def _end_of(records: list[Record], shard_id: bytes) -> tuple[int, bytes]:
@@ -211,7 +222,8 @@ def _one_by_one(db: sqlite3.Connection, after: int, through: int) -> Iterator[Re
             continue
 
 
-def _fresh(path: Path) -> Path:
+def fresh(path: Path) -> Path:
+    """Return `path` after removing whatever an interrupted writing left there."""
     for name in (path.name, path.name + "-wal", path.name + "-shm"):
         with translated(path):
             path.with_name(name).unlink(missing_ok=True)

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from services.runtime.journal.amend import (
+    AMENDED_KIND,
+    Amendments,
+    amended,
+    amendment_bodies,
+    read_amendments,
+)
 from services.runtime.journal.chain import BODY_BYTES_MAX, UNIQUE_BYTES, Row
+from services.runtime.journal.erasing import begin_erasing
 from services.runtime.journal.errors import (
     JournalDuplicate,
     JournalError,
@@ -59,6 +67,7 @@ class Shard:
         self._store, self._mirror, self._head, self.notes = open_files(directory)
         self.epoch = self._head.epoch
         self._group = Group(self._head.seq, self._head.chain)
+        self._amendments = self._read_amendments()
 
     @classmethod
     def open(cls, data_dir: Path, shard: int = 0) -> Self:
@@ -176,11 +185,51 @@ class Shard:
         """
         through = self._head.seq
         pending = tuple(self._group.records)
-        for record in self._store.records(session, after_seq, through):
-            yield record.row
+        yield from amended(self._store.records(session, after_seq, through), self._amendments)
         for record in pending:
             if record.seq > after_seq and session in (None, record.session):
                 yield record.row
+
+    def erase(self, by_session: Mapping[str, Amendments], *, at_ns: int) -> int:
+        """Erase rows for ever, salt and person included, and return how many that were.
+
+        Both files are written anew, so that neither keeps the bytes, and so is what earlier repairs set
+        aside. Killed at any moment, the next opening completes the erasing or leaves all as it was.
+
+        Args:
+            by_session: rows to erase, by session and seq, with what is read in their place: a body that
+                speaks of nobody, or None for nothing.
+            at_ns: the caller's clock.
+
+        Raises:
+            JournalFull, JournalError: as `commit`; when an opening then says so, it was completed.
+        """
+        self.commit()
+        wanted = sum(len(amendments) for amendments in by_session.values())
+        if not wanted:
+            return 0
+        begin_erasing(self.directory)
+        before = self._store.amended_rows()
+        for session, amendments in by_session.items():
+            # What was said before, may itself have to be corrected: it is said anew, and the old row erased.
+            old = {seq: body for seq, name, body in before if name == session}
+            said = read_amendments(old.values()) | dict.fromkeys(old) | dict(amendments)
+            for body in amendment_bodies(said):
+                if self._group.size > PENDING_BYTES_MAX // 2:
+                    self.commit()
+                self.append(session, AMENDED_KIND, body, at_ns=at_ns)
+        self.commit()
+        self._store.checkpoint()
+        self._store.close()
+        self._mirror.close()
+        self._lock.check()
+        # Opening finds the marker and writes both files anew.
+        self._store, self._mirror, self._head, notes = open_files(self.directory)
+        self.epoch = self._head.epoch
+        self.notes = (*self.notes, *notes)
+        self._group.restart(self._head.seq, self._head.chain)
+        self._amendments = self._read_amendments()
+        return wanted
 
     def sessions(self) -> tuple[str, ...]:
         """Return every session that has a row, sorted."""
@@ -217,6 +266,9 @@ class Shard:
         # The error on its way out matters more than a second one from closing.
         with suppress(JournalError):
             self.close()
+
+    def _read_amendments(self) -> Amendments:
+        return read_amendments(body for _, _, body in self._store.amended_rows())
 
     def _reopen(self) -> None:
         """Open the files anew after an error of the disk, and drop the pending rows that had reached it."""

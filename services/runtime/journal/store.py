@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from services.runtime.journal.amend import AMENDED_KIND
 from services.runtime.journal.chain import Record, genesis
 from services.runtime.journal.errors import (
     JournalError,
@@ -41,6 +42,7 @@ _FIND = f"{_SELECT} WHERE session = ? AND answer_id = ? AND answer_id IS NOT NUL
 _WITHIN = f"seq > ? AND seq <= ? ORDER BY seq LIMIT {BATCH_ROWS}"
 _PAGE = f"{_SELECT} WHERE {_WITHIN}"
 _PAGE_OF_SESSION = f"{_SELECT} INDEXED BY rows_session WHERE session = ? AND {_WITHIN}"
+_AMENDED = "SELECT seq, session, body FROM rows WHERE kind = ? AND body IS NOT NULL ORDER BY seq"
 _HEAD = "shard_id, epoch, seq, chain, seq_before"
 _FIRST_HEAD = f"INSERT INTO head (one, {_HEAD}) VALUES (1, ?, ?, ?, ?, ?)"  # noqa: S608 - constants
 _READ_HEAD = f"SELECT {_HEAD} FROM head WHERE one = 1"  # noqa: S608 - constants
@@ -132,6 +134,11 @@ class Store:
         """Yield committed rows in order."""
         with translated(self.path):
             yield from read_records(self._db, session, after_seq, through_seq)
+
+    def amended_rows(self) -> list[tuple[int, str, bytes]]:
+        """Return (seq, session, body) of the rows that say what is read in place of erased ones."""
+        with translated(self.path):
+            return read_amended_rows(self._db)
 
     def sessions(self) -> list[str]:
         """Return the sessions that have committed rows, sorted."""
@@ -237,6 +244,11 @@ def read_records(
         if len(batch) < BATCH_ROWS:
             return
         after_seq = batch[-1][0]
+
+
+def read_amended_rows(db: sqlite3.Connection) -> list[tuple[int, str, bytes]]:
+    """Return (seq, session, body) of the `amended` rows that stand; raises sqlite3.Error."""
+    return db.execute(_AMENDED, (AMENDED_KIND,)).fetchall()
 
 
 def _configure(db: sqlite3.Connection) -> None:

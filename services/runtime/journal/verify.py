@@ -7,12 +7,20 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+from services.runtime.journal.amend import AMENDED_KIND, amended, read_amendments
 from services.runtime.journal.audit import Audit, audit
 from services.runtime.journal.chain import Record, Row, decode_group
+from services.runtime.journal.erasing import is_interrupted
 from services.runtime.journal.errors import JournalError, translated
 from services.runtime.journal.lock import is_owned, read_epoch
 from services.runtime.journal.mirror import MirrorReader
-from services.runtime.journal.store import SQLITE_NAME, open_read_only, read_head, read_records
+from services.runtime.journal.store import (
+    SQLITE_NAME,
+    open_read_only,
+    read_amended_rows,
+    read_head,
+    read_records,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +33,7 @@ class Verification:
         labels: how many rows are answers.
         rows: how many rows were proven.
         problems: one line each; empty when `ok`.
+        erased: how many answers were erased, or replaced without somebody who is; `labels` counts them.
         notes: what is not damage but worth knowing, such as a commit the next open will complete.
     """
 
@@ -34,6 +43,7 @@ class Verification:
     rows: int
     problems: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    erased: int = 0
 
 
 def shard_directories(data_dir: Path) -> list[Path]:
@@ -59,7 +69,7 @@ def verify(data_dir: Path) -> Verification:
     problems: list[str] = []
     notes: list[str] = []
     sessions: set[str] = set()
-    labels = rows = 0
+    labels = rows = erased = 0
     try:
         directories = shard_directories(data_dir)
     except JournalError as error:
@@ -71,12 +81,15 @@ def verify(data_dir: Path) -> Verification:
             problems.append(str(error))
             continue
         problems += found.problems
+        if is_interrupted(directory) and not is_owned(directory):
+            problems.append(f"{directory}: an erasing was interrupted; the next open completes it")
         problems += _epoch_problems(directory, found)
         notes += _notes(directory, found)
         sessions |= found.sessions
         labels += found.labels
         rows += found.seq
-    return Verification(not problems, len(sessions), labels, rows, tuple(problems), tuple(notes))
+        erased += found.erased
+    return Verification(not problems, len(sessions), labels, rows, tuple(problems), tuple(notes), erased)
 
 
 def read_rows(data_dir: Path, session: str | None = None) -> Iterator[Row]:
@@ -94,10 +107,13 @@ def read_rows(data_dir: Path, session: str | None = None) -> Iterator[Row]:
         with translated(path), closing(open_read_only(directory, live=live)) as db:
             last = read_head(db, path).seq
             records = read_records(db, session, 0, last)
-            yield from (record.row for record in records)
+            amendments = read_amendments(body for _, _, body in read_amended_rows(db))
+            yield from amended(records, amendments)
         if not live:
             tail = (
-                record for record in _mirrored_after(directory, last) if session in (None, record.session)
+                record
+                for record in _mirrored_after(directory, last)
+                if session in (None, record.session) and record.kind != AMENDED_KIND
             )
             yield from (record.row for record in tail)
 

@@ -1,0 +1,1 @@
+"""What whoever runs a deployment does with its data, while no service owns it."""
