@@ -29,7 +29,7 @@ class AdviseParameters(NamedTuple):
     """C: the probability that an answer is right."""
     optima: Annotated[int, Choice(("one", "several"))] = 0
     """Whether one action of a state is optimal, or any number of them."""
-    temperature: Annotated[float, Range(0, 1000, above=True, unit="reward")] = 1.0
+    temperature: Annotated[float, Range(1e-6, 1000, unit="reward")] = 1.0
     """Temperature of the Boltzmann policy of Q. The source has Bayesian Q-learning in its place."""
 
 

@@ -92,6 +92,7 @@ def _number(name: str, value: Value, allowed: Range | Choice, default: float) ->
         return allowed.words.index(str(value))
     if isinstance(value, str) or value not in allowed:
         kept = f" ({allowed.source})" if allowed.source else ""
-        message = f"{name} {value} is outside {allowed}: the default is {default:g}{kept}"
+        shown = repr(value) if isinstance(value, str) else value
+        message = f"{name} {shown} is outside {allowed}: the default is {default:g}{kept}"
         raise ParameterError(message)
     return float(value)

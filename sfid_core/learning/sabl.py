@@ -10,7 +10,8 @@ from sfid_core.learning.method import Method
 from sfid_core.learning.parameters import GAMMA, RATE, Range
 from sfid_core.teaching.answers import AnswerKind
 
-ERROR = Range(0, 0.5, above=True, below=True, source="Loftin et al. 2016")
+ERROR = Range(1e-9, 0.5, below=True, source="Loftin et al. 2016")
+"""Far below it the weight of one answer, ln((1 - eps) / eps), is no finite number."""
 SILENT = Range(0, 1, above=True, below=True, source="balanced; the value is ours")
 PRAISE, BLAME, NOTHING = range(3)
 """Scalars: ln p(f | right) - ln p(f | wrong) of each answer f."""

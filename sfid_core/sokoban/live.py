@@ -248,8 +248,6 @@ def _optimal_masks(successor: npt.NDArray[np.int32], steps: npt.NDArray[np.int32
     masks = np.empty(len(steps), dtype=np.uint8)
     for rows in _chunks(len(steps)):
         nearer = steps[successor[rows]] == steps[rows, np.newaxis] - 1
-        # A solved state has no next step, though the sink's -1 looks like one.
-        nearer[steps[rows] <= 0] = False
         masks[rows] = np.packbits(nearer, axis=1, bitorder="little")[:, 0]
     return masks
 

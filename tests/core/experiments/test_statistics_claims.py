@@ -54,6 +54,11 @@ def test_equivalence_is_shown_for_equal_arms_and_not_for_a_planted_difference() 
     assert is_equivalent("returns below zero have a margin too", -SAME, -BASE).holds
 
 
+def test_the_margin_of_equivalence_is_a_share_of_the_second_arm_s_mean() -> None:
+    assert is_equivalent("", MORE, LESS, 0.2).margin == pytest.approx(0.2 * LESS.mean())
+    assert is_equivalent("", LESS, MORE, 0.2).margin == pytest.approx(0.2 * MORE.mean())
+
+
 def test_an_extreme_has_to_beat_every_rival_and_names_the_nearest() -> None:
     worst = is_extreme("c is worst", MORE, {"a": LESS, "b": SAME}, Direction.MORE, HOW)
     assert (worst.holds, worst.claim) == (True, "c is worst (nearest: b)")

@@ -35,7 +35,7 @@ def test_the_digest_does_not_depend_on_the_order_of_learning_and_notices_the_las
 
 
 def test_the_digest_covers_every_block_of_a_state() -> None:
-    """Label UP, LEFT taken, alpha 0.5: Q(s0, LEFT) = 0.5 * -1, then the label's agreement with each action."""
+    """Label UP, LEFT taken, alpha 0.5: Q(s0, LEFT) = 0.5 * -1, then the agreement with each action."""
     pupil = Pupil("sfid-memory", alpha=0.5, policy="shaped")
     pupil.do(S0, LEFT, 0.0, labels(UP))
     expected = sha256(S0 + struct.pack("<8d", -0.5, 0.0, 0.0, 0.0, -1.0, -1.0, 1.0, -1.0))

@@ -1,10 +1,16 @@
 """Running conditions: results do not depend on the workers, and what was finished is not run again."""
 
+import os
+import shutil
+import subprocess
+import sys
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import sfid_core
 from services.experiments.chunks import ChunkStore
 from services.experiments.runner import CHUNK_SEEDS, RunnerConfig, run_conditions
 from sfid_core.experiments.condition import Condition, results_sha256
@@ -64,6 +70,70 @@ def test_chunks_of_another_condition_or_other_seeds_are_not_taken(tmp_path: Path
     assert store.load(first, (1, 3)) is None
     assert store.load(second, (1, 2)) is None
     assert store.load(conditions(episodes=5)[0], (1, 2)) is None
+
+
+def test_a_chunk_with_a_flipped_bit_is_run_again(tmp_path: Path) -> None:
+    store, (first, _) = ChunkStore(tmp_path), conditions()
+    store.save(first, (1, 2), np.ones((2, 4, 10)))
+    (kept,) = tmp_path.glob("*.npy")
+    whole = kept.read_bytes()
+    for place in (10, len(whole) // 2, len(whole) - 40, len(whole) - 1):
+        damaged = bytearray(whole)
+        damaged[place] ^= 1
+        kept.write_bytes(damaged)
+        assert store.load(first, (1, 2)) is None
+    kept.write_bytes(b"")
+    assert store.load(first, (1, 2)) is None
+
+
+def kept_often(folder: Path) -> int:
+    store, (first, _) = ChunkStore(folder), conditions()
+    for _ in range(200):
+        store.save(first, (1, 2), np.ones((2, 4, 10)))
+    return os.getpid()
+
+
+def test_two_experiments_at_once_may_keep_their_chunks_in_one_folder(tmp_path: Path) -> None:
+    with ProcessPoolExecutor(2) as pool:
+        list(pool.map(kept_often, [tmp_path] * 4))
+    found = ChunkStore(tmp_path).load(conditions()[0], (1, 2))
+    assert found is not None
+    assert np.array_equal(found, np.ones((2, 4, 10)))
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+LOOK = """
+import sys
+from pathlib import Path
+from services.experiments.chunks import ChunkStore
+
+class Any:
+    digest = "the condition's"
+
+print(ChunkStore(Path(sys.argv[1])).load(Any(), (1, 2)) is not None)
+"""
+
+
+def test_chunks_of_other_sources_are_not_taken(tmp_path: Path) -> None:
+    copied, kept = tmp_path / "changed", tmp_path / "chunks"
+    package = Path(sfid_core.__file__).parent
+    shutil.copytree(package, copied / "sfid_core", ignore=shutil.ignore_patterns("__pycache__"))
+    save = LOOK.replace(
+        "print(", "import numpy\nChunkStore(Path(sys.argv[1])).save(Any(), (1, 2), numpy.ones(2))\nprint("
+    )
+
+    def told(script: str) -> str:
+        paths = {"PYTHONPATH": os.pathsep.join((str(copied), str(package.parent)))}
+        command = [sys.executable, "-c", script, str(kept)]
+        run = subprocess.run(
+            command, capture_output=True, text=True, check=True, cwd=copied, env=os.environ | paths
+        )
+        return run.stdout.strip()
+
+    assert (told(save), told(LOOK)) == ("True", "True")
+    with (copied / "sfid_core" / "outcome.py").open("a") as file:
+        file.write("# changed\n")
+    assert told(LOOK) == "False"
 
 
 def test_a_fault_in_a_condition_ends_the_run_with_its_reason() -> None:
