@@ -124,3 +124,11 @@ def test_an_order_that_no_room_meets_ends_with_one_line() -> None:
         "a room of 5 x 5 with one box that needs 30 steps or more: none in 2,000 rooms after the first 0; "
         "ask for fewer steps or a larger room"
     )
+
+
+def test_a_room_that_has_two_levels_gives_each_once_and_then_says_so() -> None:
+    """Three cells in a row: player, box, goal, from either side."""
+    rooms = generate(Recipe(5, 3, 1, 1), 1)
+    assert {next(rooms).to_xsb() for _ in range(2)} == {"#####\n#.$@#\n#####", "#####\n#@$.#\n#####"}
+    with pytest.raises(RecipeError, match="after the first 2; ask for fewer steps"):
+        next(rooms)
