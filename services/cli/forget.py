@@ -11,6 +11,7 @@ from services.operations.forget import Forgetting
 from services.operations.forget import forget as erase
 from services.runtime.clock import SystemClock
 from services.study.erasure import erasures
+from sfid_core.study.errors import StudyError
 
 
 def add_to(app: typer.Typer) -> None:
@@ -53,7 +54,10 @@ def forget(
 
 def _withdrawn(directory: Path) -> list[str]:
     names = sorted(path.name.removeprefix("study-") for path in directory.glob("study-*"))
-    return sorted({one.person for name in names for one in erasures(directory, name)})
+    try:
+        return sorted({one.person for name in names for one in erasures(directory, name)})
+    except StudyError as error:
+        raise CommandError(str(error)) from None
 
 
 def _tell(one: Forgetting, *, dry_run: bool) -> None:

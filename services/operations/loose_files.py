@@ -63,6 +63,9 @@ def _is_later(name: str, session: str) -> bool:
 
 
 def _other(path: Path, person: str, named: re.Pattern[bytes], found: Loose, *, dry_run: bool) -> None:
+    if named.search(path.name.encode()):
+        found.left.append(path)
+        return
     before = path.read_bytes()
     if not named.search(before):
         return

@@ -157,14 +157,15 @@ def test_killed_at_any_moment_it_is_completed_or_undone_at_the_next_opening(tmp_
     shutil.copytree(data, whole)
     forgotten(whole)
     after = replay_directory(whole)[0].q_sha256
-    seen = set()
+    seen, ended_code = set(), -signal.SIGKILL
     for moment in range(1, 200):
         copy = tmp_path / f"copy-{moment}"
         shutil.copytree(data, copy)
         ended = subprocess.run(
             [sys.executable, "-c", KILLED, str(copy), str(moment)], check=False, timeout=60
         )
-        assert ended.returncode in {0, -signal.SIGKILL}
+        ended_code = ended.returncode
+        assert ended_code in {0, -signal.SIGKILL}
         with Shard.open(copy):
             pass
         digest = replay_directory(copy)[0].q_sha256
@@ -176,9 +177,9 @@ def test_killed_at_any_moment_it_is_completed_or_undone_at_the_next_opening(tmp_
         if digest == after:
             assert holding(copy, PERSON.encode(), *theirs) == []
         shutil.rmtree(copy)
-        if ended.returncode == 0:
+        if ended_code == 0:
             break
-    assert ended.returncode == 0
+    assert ended_code == 0
     assert seen == {before, after}
 
 
@@ -236,3 +237,12 @@ def test_the_command_tells_erases_and_leaves_a_journal_that_verifies(tmp_path: P
     verified = sfid("verify", str(data))
     assert (verified.code, f"{person['answers']} of them erased" in verified.stdout) == (0, True)
     assert sfid("forget", str(data), "--person", PERSON).code == 1
+
+
+def test_only_one_session_is_forgotten_where_one_is_named(tmp_path: Path) -> None:
+    data = taught(tmp_path / "data")
+    (data / "learner.log").write_text(PERSON)
+    assert forget(data, PERSON, SystemClock(), "another").rows == 0
+    assert (data / "learner.log").read_text() == PERSON
+    found = forget(data, PERSON, SystemClock(), "s1")
+    assert (found.answers > 0, holding(data, PERSON.encode())) == (True, ["learner.log"])
