@@ -59,7 +59,7 @@ def demo(  # noqa: PLR0917 - one argument a flag
     teacher: Annotated[
         str,
         typer.Option(
-            help="Scripted teachers, one or several by comma: expert, naive, absent-minded; or none."
+            help="Simulated teachers (`sfid teachers` lists them), one or several by comma; or none."
         ),
     ] = "expert",
     episodes: Episodes = 30,

@@ -97,6 +97,9 @@ def main() -> None:
         _fail(str(error), BAD_USAGE)
     except TyperException as error:
         said = error.format_message()
+        if said.startswith("Usage:"):  # a group without a command: its help, as it is laid out
+            print(said, file=sys.stderr, flush=True)
+            sys.exit(BAD_USAGE)
         _fail(f"{said.rstrip('.')}: `sfid --help` and `sfid COMMAND --help` show what there is", BAD_USAGE)
     except (KeyboardInterrupt, typer.Abort):
         sys.exit(INTERRUPTED)

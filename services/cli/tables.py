@@ -48,7 +48,7 @@ def print_episodes(console: Console, episodes: Sequence[Episode]) -> None:
         box=SIMPLE_HEAD,
         pad_edge=False,
         collapse_padding=True,
-        caption="TD error: mean |delta| of Eq. 2; return: sum of gamma^t (r + h); env: h = 0",
+        caption="TD error: mean |delta| of Eq. 2\nreturn: sum of gamma^t (r + h); env: h = 0",
     )
     for name in ("episode", "outcome"):
         table.add_column(name, no_wrap=True)

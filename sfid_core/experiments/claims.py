@@ -43,6 +43,8 @@ class Claim:
     def line(self) -> str:
         """Return the claim for a terminal; a claim that is not supported says so first."""
         verdict = "holds" if self.holds else "not shown"
+        if self.n_seeds < SEEDS_MIN:
+            verdict += f" (fewer than {SEEDS_MIN} seeds)"
         within = "" if self.margin is None else f", margin {self.margin:.3g}"
         numbers = f"{self.difference:+.3g} [{self.ci.lo:+.3g}, {self.ci.hi:+.3g}]{within}"
         return f"{verdict}: {self.claim}: {numbers} ({self.n_seeds} seeds, {self.level:.0%} interval)"
