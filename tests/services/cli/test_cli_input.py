@@ -48,7 +48,7 @@ def test_a_level_that_cannot_be_played_is_refused_by_its_fault(tmp_path: Path, f
         (("--level", "nowhere.xsb"), "no level 'nowhere.xsb'"),
         (("--level", "room:99"), "room:0"),
         (("--method", "sorcery"), "choose one of"),
-        (("--teacher", "oracle"), "choose from expert"),
+        (("--teacher", "sage"), "choose from oracle, expert"),
         (("--starts", "0"), "starts '0' is unknown"),
         (("--seed", "-1"), "seed -1 is outside"),
         (("--seed", str(2**60)), "seed 1152921504606846976 is outside"),
