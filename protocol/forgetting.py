@@ -37,6 +37,7 @@ from sfid_core.session.events import (
 from sfid_core.session.machine import advance
 from sfid_core.session.state import Session, new_session
 
+Rows = Iterable[tuple[int, Record]]
 Corrections = Mapping[bytes, Answer | None]
 """By answer id: what a crowd would have handed on; None: nothing."""
 
@@ -76,6 +77,14 @@ def forget_in_session(
     found.q_sha256_before = forgetting.was.learner.sha256()
     found.q_sha256 = forgetting.now.learner.sha256()
     return found
+
+
+def is_alone_in(session: str, rows: Rows, person: str) -> bool:
+    """Tell whether a session is named after the person and nobody else answered in it: a lesson of theirs."""
+    if f"-{person}-" not in f"-{session}-":
+        return False
+    spoken = {Kind.ANSWER.value, Kind.CONFLICT.value}
+    return all(_who(record) == person for _, record in rows if record.kind in spoken)
 
 
 def _nameless(rows: list[tuple[int, Record]]) -> str:

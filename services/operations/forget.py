@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from protocol.crowd_forget import corrected_answers, forget_in_crowd
-from protocol.forgetting import Corrections, Forgotten, forget_in_session
+from protocol.forgetting import Corrections, Forgotten, forget_in_session, is_alone_in
 from protocol.journal import Record
 from services.operations.loose_files import Loose, loose_files
 from services.runtime.clock import Clock
@@ -95,19 +95,30 @@ def _in_learner(
     dry_run: bool,
 ) -> None:
     plan: dict[str, dict[int, bytes | None]] = {}
+    renamed: dict[str, str] = {}
     for name, rows in _by_session(shard, session).items():
         forgotten = forget_in_session(rows, found.person, corrections)
+        if forgotten is not None and is_alone_in(name, rows, found.person):
+            forgotten.amendments = {seq: None for seq, _ in rows}
+            renamed[name] = f"erased-{rows[0][0]}"
         if forgotten is not None and forgotten.amendments:
             found.sessions[name] = forgotten
             plan[name] = forgotten.amendments
-    found.rows += _erase(shard, plan, clock, dry_run=dry_run)
+    found.rows += _erase(shard, plan, clock, renamed, dry_run=dry_run)
 
 
-def _erase(shard: Shard, plan: dict[str, dict[int, bytes | None]], clock: Clock, *, dry_run: bool) -> int:
+def _erase(
+    shard: Shard,
+    plan: dict[str, dict[int, bytes | None]],
+    clock: Clock,
+    renamed: dict[str, str] | None = None,
+    *,
+    dry_run: bool,
+) -> int:
     plan = {name: amendments for name, amendments in plan.items() if amendments}
     if dry_run:
         return sum(map(len, plan.values()))
-    return shard.erase(plan, at_ns=clock.wall_ns())
+    return shard.erase(plan, at_ns=clock.wall_ns(), renamed=renamed)
 
 
 def _by_session(shard: Shard, session: str | None) -> dict[str, Rows]:

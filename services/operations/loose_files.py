@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 
 from services.runtime.journal import JournalError
+from services.runtime.register import NAME as REGISTER
 
 PEOPLE = "people.json"
 NAMELESS = b"erased"
@@ -23,7 +24,7 @@ class Loose:
     removed: bool = False
     """Whether they are gone."""
     rewritten: list[Path] = field(default_factory=list)
-    """Logs and lists of people that no longer name the person."""
+    """Logs and lists of people (of a study, of who took up an invitation) that no longer name the person."""
     left: list[Path] = field(default_factory=list)
     """Files that still name the person: not this command's to change."""
 
@@ -42,7 +43,7 @@ def loose_files(
     Raises: JournalError when a file cannot be read or written.
     """
     found = Loose(removed=recordings and not dry_run)
-    named = re.compile(rb"(?<![a-z0-9_-])" + re.escape(person.encode()) + rb"(?![a-z0-9_-])")
+    named = re.compile(rb"(?<![a-z0-9_])" + re.escape(person.encode()) + rb"(?![a-z0-9_])")
     try:
         for path in sorted(path for path in data.rglob("*") if path.is_file()):
             if path.suffix == ".rrd":
@@ -73,6 +74,8 @@ def _other(path: Path, person: str, named: re.Pattern[bytes], found: Loose, *, d
         known = msgspec.json.decode(before, type=dict[str, object])
         known.pop(person, None)
         after = msgspec.json.encode(known)
+    elif path.name == REGISTER:
+        after = b"".join(line for line in before.splitlines(keepends=True) if not named.search(line))
     elif path.suffix == ".log":
         after = named.sub(NAMELESS, before)
     else:

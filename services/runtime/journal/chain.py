@@ -132,6 +132,12 @@ def proven(prev: bytes, record: Record) -> bytes:
     return b"".join((size, public, seal, chain, secret))
 
 
+def rechained(prev: bytes, record: Record) -> Record:
+    """Return a row, renamed or behind one that was, with the chain value that it has after `prev`."""
+    public = _public(record.seq, record.session, record.kind, record.at_ns, record.unique)
+    return record._replace(chain=_sha256(prev + public + record.seal).digest())
+
+
 def decode_group(group: bytes) -> list[Record]:
     """Return the rows in a mirror frame's payload, unproven; ValueError when the bytes are not rows."""
     records = []

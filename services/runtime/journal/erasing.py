@@ -7,11 +7,13 @@ committed the erasing is completed, without it everything stays.
 
 from __future__ import annotations
 
+import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 from services.runtime.journal.amend import AMENDED_KIND, erased, read_amendments
-from services.runtime.journal.chain import Record, genesis, proven
+from services.runtime.journal.chain import Record, genesis, proven, rechained
 from services.runtime.journal.errors import JournalError, translated
 from services.runtime.journal.mirror import MIRROR_NAME, create_mirror, sync_directory
 from services.runtime.journal.salvage import fresh, proven_rows
@@ -25,10 +27,17 @@ def is_interrupted(directory: Path) -> bool:
     return (directory / MARKER_NAME).exists()
 
 
-def begin_erasing(directory: Path) -> None:
-    """Note durably that what follows is to be completed."""
+def begin_erasing(directory: Path, renamed: Mapping[str, str]) -> None:
+    """Note durably that what follows is to be completed, and which sessions get another name then."""
+    new = directory / (MARKER_NAME + ".new")
     with translated(directory):
-        os.close(os.open(directory / MARKER_NAME, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600))
+        fd = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
+        try:
+            os.write(fd, json.dumps(dict(renamed)).encode())
+            os.fsync(fd)
+        finally:
+            os.close(fd)
+        new.replace(directory / MARKER_NAME)
         sync_directory(directory)
 
 
@@ -48,6 +57,7 @@ def finish_erasing(directory: Path) -> tuple[str, ...]:
         message = f"{directory}: {error}; restore the directory from a backup"
         raise JournalError(message) from None
     left = [erased(record) if record.seq in gone else record for record in records]
+    left = _renamed(directory, shard_id, left)
     # The mirror first, as in a repair: it holds every row when SQLite's log is taken away.
     mirror = fresh(directory / (MIRROR_NAME + ".new"))
     create_mirror(mirror, shard_id, _encoded(shard_id, left))
@@ -65,6 +75,26 @@ def finish_erasing(directory: Path) -> tuple[str, ...]:
         (directory / MARKER_NAME).unlink()
         sync_directory(directory)
     return (f"{directory}: erased {len(gone)} rows, both files written anew",)
+
+
+def _renamed(directory: Path, shard_id: bytes, records: list[Record]) -> list[Record]:
+    """Give sessions the names that the marker says, those alone of which nothing is left but names."""
+    try:
+        wanted = json.loads((directory / MARKER_NAME).read_bytes())
+    except (OSError, ValueError) as error:
+        message = f"{directory / MARKER_NAME}: {error}; remove it, then say `sfid forget` again"
+        raise JournalError(message) from None
+    kept = {one.session for one in records if one.body is not None and one.kind != AMENDED_KIND}
+    names = {old: new for old, new in wanted.items() if old not in kept}
+    if not any(record.session in names for record in records):
+        return records
+    prev = genesis(shard_id)
+    renamed = []
+    for record in records:
+        one = rechained(prev, record._replace(session=names.get(record.session, record.session)))
+        renamed.append(one)
+        prev = one.chain
+    return renamed
 
 
 def _encoded(shard_id: bytes, records: list[Record]) -> list[bytes]:

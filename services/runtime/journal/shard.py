@@ -190,7 +190,9 @@ class Shard:
             if record.seq > after_seq and session in (None, record.session):
                 yield record.row
 
-    def erase(self, by_session: Mapping[str, Amendments], *, at_ns: int) -> int:
+    def erase(
+        self, by_session: Mapping[str, Amendments], *, at_ns: int, renamed: Mapping[str, str] | None = None
+    ) -> int:
         """Erase rows for ever, salt and person included, and return how many that were.
 
         Both files are written anew, so that neither keeps the bytes, and so is what earlier repairs set
@@ -200,6 +202,8 @@ class Shard:
             by_session: rows to erase, by session and seq, with what is read in their place: a body that
                 speaks of nobody, or None for nothing.
             at_ns: the caller's clock.
+            renamed: other names for sessions whose names speak of a person and of which all is erased; the
+                chain is then computed anew.
 
         Raises:
             JournalFull, JournalError: as `commit`; when an opening then says so, it was completed.
@@ -208,7 +212,7 @@ class Shard:
         wanted = sum(len(amendments) for amendments in by_session.values())
         if not wanted:
             return 0
-        begin_erasing(self.directory)
+        begin_erasing(self.directory, renamed or {})
         before = self._store.amended_rows()
         for session, amendments in by_session.items():
             # What was said before, may itself have to be corrected: it is said anew, and the old row erased.

@@ -10,6 +10,7 @@ from services.runtime.journal import read_rows, verify
 from services.study.erasure import erasures
 from services.study.reading import read_courses
 from tests.services.cli.command_line import sfid
+from tests.services.operations.test_forget import holding
 from tests.services.study.participants import running, study_file
 
 pytestmark = pytest.mark.real
@@ -36,6 +37,7 @@ def test_the_deleted_of_a_study_are_forgotten_and_the_others_stay(tmp_path: Path
     assert [row for row in read_rows(data) if row.session.startswith(f"maze-{bob.pseudonym}")] == kept
     told = [row for row in read_rows(data) if row.person == ann.pseudonym]
     assert told == []
+    assert holding(data, ann.pseudonym.encode()) == []
     study = (data / "study-maze" / "shard-0" / "journal.sqlite").read_bytes()
     mirror = (data / "study-maze" / "shard-0" / "journal.mirror").read_bytes()
     assert ann.pseudonym.encode() not in study + mirror
