@@ -22,6 +22,7 @@ from protocol.journal import (
 )
 from protocol.messages import Answer, CreateSession
 from protocol.translate import action_names, config_of
+from sfid_core.learning.kernels import keep_step
 from sfid_core.session.effects import AnswerCode
 from sfid_core.session.events import (
     Event,
@@ -71,6 +72,7 @@ def forget_in_session(
         return None
     message = decode(known[0][1].body, CreateSession)
     forgetting = _Forgetting(message, person, corrections, _nameless(known))
+    forgetting.find_undos(record for _, record in known[1:])
     for seq, record in known[1:]:
         forgetting.take(seq, record)
     found = forgetting.found
@@ -125,6 +127,17 @@ class _Forgetting:
         self.was: Session = new_session(config_of(message), len(actions))
         self.now: Session = new_session(config_of(message), len(actions))
         self.found = Forgotten()
+        self._may_undo = True
+        self._undos: set[int] = set()
+
+    def find_undos(self, records: Iterable[Record]) -> None:
+        """Learn which decisions took a step back."""
+        session = new_session(self.was.config, len(self._numbers))
+        for record in records:
+            self._advance(session, record)
+            if session.undo_due:
+                self._undos.add(session.decision)
+        self._may_undo = session.learner.method.undo is not keep_step
 
     def take(self, seq: int, record: Record) -> None:
         """Let both sessions go on by a row, and note what is read there from now on."""
@@ -147,12 +160,15 @@ class _Forgetting:
             advance(self.now, elapsed_at_ns, WindowElapsed())
         action = self.was.action if taken.action < 0 else taken.action
         advance(self.was, record.at_ns, taken)
-        if self.now.action == action and self.now.undo_due is (action == len(self._numbers)):
+        same = self.now.action == action and self.now.undo_due is (action == len(self._numbers))
+        # Teachers decide afterwards whether it is taken back: said with it, so that it is as it was.
+        undone = int(taken.decision + 1 in self._undos) if self._may_undo and self.found.amendments else -1
+        if same and undone in {-1, taken.undone}:
             advance(self.now, record.at_ns, taken)
             return record.body
-        followed: StepTaken = taken._replace(action=action)
+        followed: StepTaken = taken._replace(action=taken.action if same else action, undone=undone)
         advance(self.now, record.at_ns, followed)
-        self.found.followed += 1
+        self.found.followed += not same
         return step_body(followed, elapsed_at_ns)
 
     def _instead(self, record: Record) -> bytes | None:

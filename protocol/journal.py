@@ -136,21 +136,24 @@ def step_body(event: StepTaken, elapsed_at_ns: int | None) -> bytes:
         elapsed_at_ns,
         event.distance,
     ]
-    return pack(fields if event.action < 0 else [*fields, event.action])
+    followed = (event.action, event.undone)
+    return pack(fields if followed == (-1, -1) else [*fields, *followed])
 
 
 def read_step_body(body: bytes) -> tuple[StepTaken, int | None]:
     """Return a transition and the closing by the clock that led to it; raise DecodeError when it is none."""
-    action = -1
+    followed = (-1, -1)
     try:
         taken = _read("step", body, tuple[Count, Finite, str, StateKey, View, Nanoseconds | None, Distance])
     except DecodeError:
-        *_, action = followed = _read(
-            "step", body, tuple[Count, Finite, str, StateKey, View, Nanoseconds | None, Distance, Count]
-        )
-        taken = followed[:7]
+        whole = _read(
+            "step", body,
+            tuple[Count, Finite, str, StateKey, View, Nanoseconds | None, Distance, Distance, Distance],
+        )  # fmt: skip
+        taken, followed = whole[:7], whole[7:]
     decision, reward, outcome, state, view, elapsed_at_ns, distance = taken
-    return StepTaken(decision, reward, Outcome(outcome), state, view, distance, action), elapsed_at_ns
+    event = StepTaken(decision, reward, Outcome(outcome), state, view, distance, *followed)
+    return event, elapsed_at_ns
 
 
 def digest_body(session: Session, q_sha256: str) -> bytes:

@@ -66,6 +66,8 @@ class StepTaken(NamedTuple):
     action: int = -1
     """What was executed, where the table would choose otherwise now because answers were erased; -1: what
     the session chose."""
+    undone: int = -1
+    """Whether it was taken back then (1) or not (0), where answers were erased; -1: the session decides."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -264,7 +264,8 @@ def _learn(session: Session, at_ns: int, taken: StepTaken) -> Effects:
         distances=(session.distance, taken.distance),
         span_ms=(at_ns - session.asked_at_ns) / 1e6,
     )
-    session.undo_due = taken.outcome is Outcome.RUNNING and session.learner.undoes(evidence)
+    undoes = session.learner.undoes(evidence) if taken.undone < 0 else taken.undone == 1
+    session.undo_due = taken.outcome is Outcome.RUNNING and undoes
     return _go_on(session, at_ns, taken, evidence, learned)
 
 

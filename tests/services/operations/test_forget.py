@@ -17,6 +17,7 @@ from services.operations.forget import Forgetting, forget
 from services.replay import replay_crowds, replay_directory
 from services.runtime.clock import SystemClock
 from services.runtime.journal import JournalLocked, Row, Shard, read_rows, verify
+from sfid_core.sokoban.actions import Action
 from sfid_core.teaching.kernels import TeacherParameters
 from sfid_core.teaching.simulated import SimulatedTeacher
 from tests.services.aggregator.crowd_room import CrowdRoom
@@ -246,3 +247,28 @@ def test_only_one_session_is_forgotten_where_one_is_named(tmp_path: Path) -> Non
     assert (data / "learner.log").read_text() == PERSON
     found = forget(data, PERSON, SystemClock(), "s1")
     assert (found.answers > 0, holding(data, PERSON.encode())) == (True, ["learner.log"])
+
+
+def test_a_step_that_was_not_taken_back_is_not_taken_back_without_somebody_either(tmp_path: Path) -> None:
+    room = Classroom(tmp_path / "data")
+    room.create(session(method="guidance", teachers_min=3))
+    pupils = [Pupil(room, name) for name in (PERSON, OTHER, "bob")]
+    for pupil in pupils:
+        pupil.join()
+    for number in range(120):
+        decision = room.decision
+        for place, pupil in enumerate(pupils):
+            # Two blame and one praises, then the other way round: without one of them it comes out otherwise.
+            reward = -1.0 if (number + place) % 3 == 0 else (1.0 if place == 0 else -1.0)
+            if decision.asked == "guidance":
+                guided = (Action((number * place) % 4).name,)
+                pupil.send(pupil.message(decision, kind="guidance", guidance=guided))
+            elif decision.asked == "reward":
+                pupil.send(pupil.message(decision, kind="reward", reward=reward))
+    room.shard.close()
+    before = replay_directory(room.data_dir)[0]
+    found = forgotten(room.data_dir)
+    after = replay_directory(room.data_dir)[0]
+    assert (before.matches, after.matches, found.answers > 50) == (True, True, True)
+    assert after.erased == found.answers
+    assert verify(room.data_dir).ok
