@@ -15,6 +15,7 @@ from services.cli.experiment_shared import (
     Out,
     Seeds,
     check_folder,
+    claim_folder,
     print_findings,
     progress,
     seed_range,
@@ -96,6 +97,7 @@ def _run(
         raise CommandError(message)
     if out is not None:
         check_folder(out)
+        claim_folder(out, conditions, seeds)
     config = RunnerConfig(workers, fast=False, store=None if out is None else out / "chunks")
     with progress("seeds") as told:
         return run_conditions(conditions, seeds, config, told)

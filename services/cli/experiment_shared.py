@@ -1,8 +1,11 @@
 """What the experiments on the command line share: their options, seeds, worlds, progress and printing."""
 
+import json
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -14,6 +17,7 @@ from services.cli.failure import CommandError
 from services.cli.level_files import check_starts, find_level
 from services.cli.session import SEED_MAX
 from services.cli.warnings import warn
+from services.experiments.runnable import Runnable
 from sfid_core.experiments.claims import Claim
 from sfid_core.experiments.condition import Condition, Results, results_sha256
 from sfid_core.session.config import WorldSpec
@@ -88,9 +92,11 @@ def run_all(
         raise CommandError(message)
     if out is not None:
         check_folder(out)
+        claim_folder(out, conditions, seeds)
     if warned:
         warn(*(condition.config for condition in conditions))
-    keep_machine_code(Path.home() / ".cache" / "sfid")
+    if keep_machine_code(Path.home() / ".cache" / "sfid") and not plain:
+        print("compiling the methods, once for this version: up to a minute", file=sys.stderr, flush=True)
     config = RunnerConfig(workers, False if plain else None, None if out is None else out / "chunks")
     began = time.perf_counter()
     with progress("seeds") as told:
@@ -108,6 +114,20 @@ def check_folder(folder: Path) -> None:
     except OSError as error:
         message = f"{folder}: {error.strerror or error}: name a folder that can be written"
         raise CommandError(message) from None
+
+
+def claim_folder(folder: Path, conditions: Sequence[Runnable], seeds: Sequence[int]) -> None:
+    """Note which experiment a folder holds; raise with the mend where it holds another one."""
+    told = "".join(condition.digest for condition in conditions)
+    digest = sha256(f"{told} {list(seeds)}".encode()).hexdigest()
+    what = f"{len(conditions)} conditions, seeds {seeds[0]} to {seeds[-1]}"
+    note = folder / "experiment.json"
+    if note.exists():
+        held = json.loads(note.read_text(encoding="utf-8"))
+        if held.get("sha256") != digest:
+            message = f"{folder} holds another experiment ({held.get('what')}): name a new folder"
+            raise CommandError(message)
+    note.write_text(json.dumps({"what": what, "sha256": digest}) + "\n", encoding="utf-8")
 
 
 @contextmanager

@@ -25,16 +25,20 @@ def core_digest() -> str:
     return digest.hexdigest()
 
 
-def keep_machine_code(directory: Path) -> None:
+def keep_machine_code(directory: Path) -> bool:
     """Keep what is compiled in a folder of `directory` named after the sources it was compiled from.
 
-    Without numba there is nothing to keep; where NUMBA_CACHE_DIR names a folder, that one is used.
+    Return whether nothing has been kept there yet. Without numba there is nothing to keep; where
+    NUMBA_CACHE_DIR names a folder, that one is used.
     """
     if compiler_available():
         import numba  # noqa: PLC0415 - half a second to load, and optional
 
         if getattr(numba.config, "CACHE_DIR", ""):
-            return
+            return False
         kept = directory / f"kernels-{core_digest()[:16]}"
+        fresh = not kept.exists()
         kept.mkdir(parents=True, exist_ok=True)
         setattr(numba.config, "CACHE_DIR", str(kept))  # noqa: B010 - its settings are made at run time
+        return fresh
+    return False

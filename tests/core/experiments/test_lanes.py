@@ -31,6 +31,15 @@ def test_a_seed_has_the_same_results_in_a_batch_of_any_size(size: int) -> None:
         assert results_sha256([whole]) == results_sha256([np.concatenate(parts)])
 
 
+@pytest.mark.parametrize("method", ["coach", "tamer-rl", "isabl", "marks", "sfid-memory"])
+def test_what_a_method_remembers_beside_its_table_is_blank_for_each_seed(method: str) -> None:
+    config = SessionConfig("lanes", WORLD, method, episodes=6)
+    teachers = {"teacher": persona_named("noisy")}
+    together = Batch(config, teachers, fast=False).run(SEEDS)
+    alone = np.concatenate([Batch(config, teachers, fast=False).run([seed]) for seed in SEEDS])
+    assert together.tolist() == alone.tolist()
+
+
 @pytest.mark.skipif(not compiler_available(), reason="numba is not installed")
 def test_compiled_runs_have_the_same_bits() -> None:
     for condition in (*figure2.conditions(WORLD), checked()):

@@ -177,3 +177,14 @@ def test_a_recorded_session_is_replayed_under_another_method(tmp_path: Path) -> 
         done = sfid("replay", data, *arguments)
         assert (done.code, done.stdout, done.stderr.count("\n")) == (2, "", 1)
         assert words in done.stderr
+
+
+def test_a_folder_that_holds_another_experiment_is_left_alone(tmp_path: Path) -> None:
+    first = ("experiment", "figure2", "--no-compile", "--out", str(tmp_path))
+    assert sfid(*first, "--seeds", "2").code == 0
+    before = {path.name: path.read_bytes() for path in tmp_path.glob("*.csv")}
+    other = sfid(*first, "--seeds", "3")
+    assert (other.code, other.stderr.count("\n")) == (2, 1)
+    assert "holds another experiment (4 conditions, seeds 0 to 1): name a new folder" in other.stderr
+    assert {path.name: path.read_bytes() for path in tmp_path.glob("*.csv")} == before
+    assert sfid(*first, "--seeds", "2").code == 0
