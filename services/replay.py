@@ -22,7 +22,7 @@ class Replayed:
     """Digests noted: at episodes 1, 2, 4, 8 and so on, and at the end."""
     events: int
     episodes: int
-    erased: int
+    erased: int = 0
     """Answers erased, or corrected because of one that was."""
 
 
