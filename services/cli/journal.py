@@ -124,8 +124,7 @@ def _row(one: Replayed) -> dict[str, object]:
         "q_sha256": one.q_sha256,
         "matches": one.matches,
         "events": one.events,
-        "erased": one.erased,
-    }
+    } | ({"erased": one.erased} if one.erased else {})
 
 
 def _crowd_row(one: ReplayedCrowd) -> dict[str, object]:
@@ -149,9 +148,9 @@ def verify(directory: DirectoryArgument, json: Json = False) -> None:
                 "ok": found.ok,
                 "sessions": found.sessions,
                 "labels": found.labels,
-                "erased": found.erased,
                 "problems": list(found.problems),
             }
+            | ({"erased": found.erased} if found.erased else {})
         )
     else:
         verdict = "ok" if found.ok else "NOT OK"
