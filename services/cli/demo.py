@@ -61,7 +61,7 @@ def demo(  # noqa: PLR0917 - one argument a flag
         typer.Option(
             help="Simulated teachers (`sfid teachers` lists them), one or several by comma; or none."
         ),
-    ] = "expert",
+    ] = "oracle",
     episodes: Episodes = 30,
     starts: Starts = "4",
     seed: Seed = 0,

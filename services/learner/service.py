@@ -294,9 +294,7 @@ class Learner:
     def note_digest(self, live: LiveSession) -> None:
         """Journal the SHA-256 of the table as it stands."""
         self.journal_elapsed(live)
-        self.append(
-            live, Kind.DIGEST, digest_body(live.session, live.session.learner.sha256()), self.at_ns()
-        )
+        self.append(live, Kind.DIGEST, digest_body(live.session, live.session.learner.sha256()), self.at_ns())
 
     # ------------------------------------------------------------ presence
 

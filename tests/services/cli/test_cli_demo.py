@@ -59,7 +59,7 @@ def test_a_demo_tells_the_four_measures_the_labels_and_where_everything_is(first
         "demo", "sfid", "room", None,
     )  # fmt: skip
     assert {row["role"] for row in first["processes"]} == {
-        "router", "environment", "learner", "teacher-expert",
+        "router", "environment", "learner", "teacher-oracle",
     }  # fmt: skip
     assert not any(alive(row["pid"]) for row in first["processes"])
 
@@ -102,7 +102,7 @@ def test_two_teachers_teach_one_session_and_the_run_repeats_to_the_bit(tmp_path:
     assert runs[0]["q_sha256"] == runs[1]["q_sha256"]
     assert runs[0]["episodes"] == runs[1]["episodes"]
     assert runs[0]["labels"] == runs[1]["labels"]
-    assert {"teacher-expert", "teacher-naive"} <= {row["role"] for row in runs[0]["processes"]}
+    assert {"teacher-oracle", "teacher-naive"} <= {row["role"] for row in runs[0]["processes"]}
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
