@@ -156,7 +156,9 @@ def test_the_panel_says_what_is_asked_and_how_things_stand() -> None:
         ({"asked": "reward", "action": "LEFT"}, "The agent went ← LEFT: + or - ?"),
         ({"paused": True}, "paused: z goes on"),
         ({"phase": "gathering"}, "waits for teachers"),
-        ({"asked": "guidance"}, "asks for guidance: watch, or abstain"),
+        ({"asked": "guidance"}, "Which way is worth trying?"),
+        ({"asked": "mistake", "action": "UP"}, "It went ↑ UP. A mistake? Which way instead?"),
+        ({"asked": "nothing"}, "asks for nothing: watch, or abstain"),
     ],
 )
 def test_the_question_fits_the_decision(changes: dict[str, object], question: str) -> None:
