@@ -21,7 +21,7 @@ LEVELS = (
     "#######\n#  .  #\n# $$  #\n# .@  #\n#######",
 )
 STEPS_AN_EPISODE = 3
-"""On the average they are more (3.9 in the shortest lessons seen), so that a long lesson is as long as asked."""
+"""On the average they are more (3.9 in the shortest lesson seen): a long lesson is as long as asked."""
 MS = 1_000_000
 
 

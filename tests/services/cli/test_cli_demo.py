@@ -102,7 +102,7 @@ def test_two_teachers_teach_one_session_and_the_run_repeats_to_the_bit(tmp_path:
     assert runs[0]["q_sha256"] == runs[1]["q_sha256"]
     assert runs[0]["episodes"] == runs[1]["episodes"]
     assert runs[0]["labels"] == runs[1]["labels"]
-    assert {"teacher-oracle", "teacher-naive"} <= {row["role"] for row in runs[0]["processes"]}
+    assert {"teacher-expert", "teacher-naive"} <= {row["role"] for row in runs[0]["processes"]}
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
