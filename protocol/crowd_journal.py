@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 
-from protocol.codec import DecodeError, DecodeFault, decode, pack, printable, unpack
+from protocol.codec import DecodeError, DecodeFault, decode, pack, printable, read
 from protocol.journal import Record, read_answer_body
 from protocol.messages import ActionNames, Answer, Count, Finite, Milliseconds, Name, StateKey, View
 from protocol.translate import UnknownAction, answer_given
@@ -118,7 +118,7 @@ def config_body(config: CrowdConfig) -> bytes:
 
 def row_body(row: AskedRow | ClosedRow | ReliabilityRow) -> bytes:
     """Return the body of a row that has fields of its own."""
-    return pack(msgspec.to_builtins(row, builtin_types=(bytes,)))
+    return pack(row)
 
 
 def name_body(worker: str) -> bytes:
@@ -163,9 +163,9 @@ def read_config(body: bytes) -> CrowdConfig:
 def read_body(kind: str, body: bytes, expected: type[T]) -> T:
     """Return the value of the expected type that a row's body holds; raise DecodeError otherwise."""
     try:
-        return msgspec.convert(unpack(body), expected, builtin_types=(bytes,))
-    except msgspec.ValidationError as error:
-        raise DecodeError(DecodeFault.NOT_THE_SCHEMA, f"{kind} row: {printable(str(error))}") from None
+        return read(body, expected)
+    except DecodeError as error:
+        raise DecodeError(error.fault, f"{kind} row: {error.detail}") from None
 
 
 @dataclass(slots=True)

@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple, TypeVar
 
 import msgspec
 
-from protocol.codec import DecodeError, DecodeFault, decode, encode, pack, printable, unpack
+from protocol.codec import DecodeError, DecodeFault, decode, encode, pack, printable, read
 from protocol.messages import (
     Answer,
     Count,
@@ -102,9 +102,9 @@ def read_answer_body(body: bytes) -> tuple[AnswerCode, str, bytes]:
 def _read(kind: str, body: bytes, expected: type[T]) -> T:
     """Return the value of the expected type that a row's body holds; raise DecodeError otherwise."""
     try:
-        return msgspec.convert(unpack(body), expected, builtin_types=(bytes,))
-    except msgspec.ValidationError as error:
-        raise DecodeError(DecodeFault.NOT_THE_SCHEMA, f"{kind} row: {printable(str(error))}") from None
+        return read(body, expected)
+    except DecodeError as error:
+        raise DecodeError(error.fault, f"{kind} row: {error.detail}") from None
 
 
 def event_body(event: Event) -> tuple[Kind, bytes]:

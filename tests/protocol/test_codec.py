@@ -6,7 +6,17 @@ from typing import Any
 import msgspec
 import pytest
 
-from protocol.codec import PAYLOAD_MAX, DecodeError, DecodeFault, decode, encode, pack, printable, unpack
+from protocol.codec import (
+    PAYLOAD_MAX,
+    DecodeError,
+    DecodeFault,
+    decode,
+    decode_strictly,
+    encode,
+    pack,
+    printable,
+    unpack,
+)
 from protocol.messages import Acknowledgement, Answer, Decision, Join, Wire
 from tests.protocol.make_vectors import type_name
 from tests.protocol.samples import ANSWER_ID, FULL, LABEL
@@ -16,9 +26,12 @@ every_message = pytest.mark.parametrize("message", FULL, ids=type_name)
 
 
 def survives(payload: bytes, expected: type[Wire]) -> bool:
-    """Whether the payload decodes; any exception but a DecodeError of one printable line fails the test."""
+    """Whether the payload decodes; any exception but a DecodeError of one printable line fails the test.
+
+    So does a message that the strict way in reads as another, or refuses.
+    """
     try:
-        decode(payload, expected)
+        assert decode(payload, expected) == decode_strictly(payload, expected)
     except DecodeError as error:
         if not str(error).isprintable() or len(str(error)) > 300:
             pytest.fail(f"no line for a log: {error!r}")
