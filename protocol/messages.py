@@ -249,10 +249,9 @@ class Refusal(Wire, frozen=True, kw_only=True, tag="refusal"):
 # ---------------------------------------------------------------- sessions
 
 
-class World(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class World(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="sokoban"):
     """The world of a session, as the environment needs it."""
 
-    kind: Literal["sokoban"] = "sokoban"
     level: Annotated[str, Meta(max_length=16_384)]
     level_name: Text = "level"
     starts: Annotated[str, Meta(pattern=r"^([1-9][0-9]{0,6}|all|within:[1-9][0-9]{0,6})\Z")] = "4"
@@ -262,11 +261,29 @@ class World(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     steps_max: Annotated[int, Meta(ge=1, le=1_000_000)] = 200
 
 
+class GymWorld(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="gym"):
+    """A Gymnasium environment with a finite number of actions, as the environment service makes it."""
+
+    # No colon: a name with one would import any module that a stranger names.
+    environment: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_./-]{0,127}\Z")]
+    options: Annotated[
+        dict[Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]{0,31}\Z")], bool | int | Finite | Text | None],
+        Meta(max_length=32),
+    ] = {}
+    actions: ActionNames
+    level_name: Text
+    render: Literal["text", "picture"] = "text"
+    reward_scale: Finite = 1.0
+    goal_reward: Finite | None = None
+    step_reward: Finite = 0.0
+    steps_max: Annotated[int, Meta(ge=1, le=1_000_000)] = 200
+
+
 class CreateSession(Wire, frozen=True, kw_only=True, tag="create-session"):
     """Create a session; the same name with the same content again is the same session."""
 
     session: Name
-    world: World
+    world: World | GymWorld
     method: Name = "sfid"
     parameters: Annotated[dict[ParameterName, Finite | ParameterWord], Meta(max_length=32)] = {}
     """Parameters of the method that differ from its defaults: numbers, or words of a choice."""

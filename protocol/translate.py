@@ -1,6 +1,7 @@
 """Between the wire's messages and the core's types: action names and numbers, texts and enums."""
 
 from collections.abc import Mapping, Sequence
+from math import inf
 
 from protocol import messages as wire
 from protocol.world_messages import UNDO
@@ -19,15 +20,38 @@ class UnknownAction(ValueError):  # noqa: N818 - it names what is wrong
     """A message names an action that the session does not have; the text is one line with the mend."""
 
 
-def action_names(_world: wire.World) -> tuple[str, ...]:
+def action_names(world: wire.World | wire.GymWorld) -> tuple[str, ...]:
     """Return the names of a world's actions by their index in the core."""
-    return tuple(action.name for action in Action)
+    return world.actions if isinstance(world, wire.GymWorld) else tuple(action.name for action in Action)
 
 
 def config_of(message: wire.CreateSession) -> SessionConfig:
     """Return the core's configuration; raise ParameterError with the mend when a value is out of range."""
-    world = message.world
-    spec = WorldSpec(
+    return SessionConfig(
+        message.session,
+        _world_spec(message.world),
+        message.method,
+        message.parameters,
+        message.episodes,
+        message.seed,
+        window_of(message.window),
+        message.teachers_min,
+    )
+
+
+def _world_spec(world: wire.World | wire.GymWorld) -> WorldSpec:
+    if isinstance(world, wire.GymWorld):
+        goal = inf if world.goal_reward is None else world.goal_reward
+        return WorldSpec(
+            "",
+            world.level_name,
+            "1",
+            goal,
+            world.step_reward,
+            deadlock_reward=-inf,
+            steps_max=world.steps_max,
+        )
+    return WorldSpec(
         world.level,
         world.level_name,
         world.starts,
@@ -35,16 +59,6 @@ def config_of(message: wire.CreateSession) -> SessionConfig:
         world.step_reward,
         world.deadlock_reward,
         world.steps_max,
-    )
-    return SessionConfig(
-        message.session,
-        spec,
-        message.method,
-        message.parameters,
-        message.episodes,
-        message.seed,
-        window_of(message.window),
-        message.teachers_min,
     )
 
 

@@ -9,6 +9,7 @@ from protocol.messages import (
     ActionNames,
     Count,
     Finite,
+    GymWorld,
     Name,
     OutcomeName,
     StateKey,
@@ -28,7 +29,7 @@ class Begin(Wire, frozen=True, kw_only=True, tag="begin"):
     epoch: Count
     episode: Count
     seed: Count
-    world: World
+    world: World | GymWorld
     actions: Annotated[tuple[ActionName, ...], Meta(max_length=1_000_000)] = ()
 
 

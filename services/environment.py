@@ -10,12 +10,15 @@ import threading
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 from protocol.codec import DecodeError, decode, encode
 from protocol.keys import Keys
-from protocol.messages import Refusal, Wire
+from protocol.messages import GymWorld, Refusal, Wire
 from protocol.messages import World as WorldSpec
+from protocol.translate import action_names
 from protocol.world_messages import UNDO, Begin, Begun, ExecuteAction, Executed
+from services.gym.errors import GymError
 from services.runtime.bus import Bus, Request
 from sfid_core.outcome import Outcome
 from sfid_core.sokoban.actions import Action
@@ -41,23 +44,52 @@ class EnvironmentConfig:
     name: str = "environment"
 
 
+class Course(Protocol):
+    """An episode as it stands."""
+
+    state: bytes
+    """The key of its state."""
+    view: str
+    start_steps: int | None
+    """Fewest steps from where it began; None where there is no way or nobody knows."""
+
+    @property
+    def optimal_steps(self) -> int | None:
+        """Fewest steps from here; None where there is no way or nobody knows."""
+
+    def act(self, name: str, steps_done: int) -> tuple[float, Outcome]:
+        """Take an action, or UNDO; return (reward, outcome)."""
+
+    def close(self) -> None:
+        """Give back what the episode holds."""
+
+
+class Ground(Protocol):
+    """A world of which episodes are begun."""
+
+    def begin(self, episode: int) -> Course:
+        """Return the episode of that number at its start."""
+
+
 @dataclass(slots=True)
 class _Episode:
     """A running episode of one session."""
 
     epoch: int
     episode: int
-    world: World | None
+    world: Course | None
     """None once the episode is over: the last reply stays, the tables go."""
-    board: Board
     state: bytes
-    """The board's key."""
-    before: Board
-    """Where the last action was taken: what undo goes back to."""
+    """The key of the state."""
     steps: int = 0
     action: str = ""
     answered: Executed | None = None
     """The last reply and the action it answers: a repeat gets it again."""
+
+    def close(self) -> None:
+        if self.world is not None:
+            self.world.close()
+        self.world = None
 
 
 class Environment:
@@ -65,7 +97,7 @@ class Environment:
 
     def __init__(self) -> None:
         self._episodes: dict[str, _Episode] = {}
-        self._worlds: dict[bytes, World] = {}
+        self._worlds: dict[bytes, Ground] = {}
         self.refused: Counter[str] = Counter()
 
     def handle(self, verb: str, payload: bytes) -> Wire:
@@ -78,7 +110,7 @@ class Environment:
             )
         except DecodeError as error:
             reply = Refusal(code="malformed", reason=str(error))
-        except (LevelError, WorldError, _UnknownAction) as error:
+        except (LevelError, WorldError, GymError, _UnknownAction) as error:
             reply = Refusal(code="invalid", reason=str(error)[:512])
         if isinstance(reply, Refusal):
             self.refused[reply.code] += 1
@@ -88,17 +120,15 @@ class Environment:
         running = self._episodes.get(request.session)
         if running is not None and request.epoch < running.epoch:
             return _stale(request.epoch, running.epoch)
-        world = self._world(request)
-        start = board = before = world.begin(request.episode)
+        course = self._world(request).begin(request.episode)
         for steps_done, name in enumerate(request.actions):
-            after = _done(world, board, before, name, steps_done).board
-            board, before = after, board
-        self._episodes.pop(request.session, None)
+            course.act(name, steps_done)
+        self._forget(request.session)
         self._episodes[request.session] = _Episode(
-            request.epoch, request.episode, world, board, board.state_key(), before, len(request.actions)
+            request.epoch, request.episode, course, course.state, len(request.actions)
         )
         if len(self._episodes) > EPISODES_MAX:
-            del self._episodes[next(iter(self._episodes))]
+            self._forget(next(iter(self._episodes)))
         if request.actions:
             log.info(
                 "session %s: episode %d restored from its seed and %d actions",
@@ -107,17 +137,22 @@ class Environment:
         return Begun(
             episode=request.episode,
             step=len(request.actions),
-            state=board.state_key(),
-            view=board.to_xsb(),
-            optimal_steps=world.optimal_steps(start),
-            actions=tuple(action.name for action in Action),
+            state=course.state,
+            view=course.view,
+            optimal_steps=course.start_steps,
+            actions=action_names(request.world),
         )
 
-    def _world(self, request: Begin) -> World:
+    def _forget(self, session: str) -> None:
+        gone = self._episodes.pop(session, None)
+        if gone is not None:
+            gone.close()
+
+    def _world(self, request: Begin) -> Ground:
         key = encode(Begin(session="any", epoch=0, episode=0, seed=request.seed, world=request.world))
         world = self._worlds.pop(key, None)
         if world is None:
-            world = make_world(request.world.level, _rules(request.world), request.world.starts, request.seed)
+            world = _ground(request.world, request.seed)
         self._worlds[key] = world
         if len(self._worlds) > WORLDS_MAX:
             del self._worlds[next(iter(self._worlds))]
@@ -140,29 +175,67 @@ class Environment:
             return Refusal(
                 code="unknown-session", reason="the episode stands elsewhere: begin it with the actions taken"
             )
-        done = _done(world, running.board, running.before, request.action, running.steps)
-        running.before = running.board
-        running.board, running.state, running.steps = done.board, done.board.state_key(), running.steps + 1
-        if done.outcome is not Outcome.RUNNING:
-            running.world = None
+        reward, outcome = world.act(request.action, running.steps)
+        running.state, running.steps = world.state, running.steps + 1
         running.action = request.action
         running.answered = Executed(
             decision=request.decision,
-            reward=done.reward,
-            outcome=done.outcome.value,
-            state=running.state,
-            view=done.board.to_xsb(),
-            optimal_steps=world.optimal_steps(done.board),
+            reward=reward,
+            outcome=outcome.value,
+            state=world.state,
+            view=world.view,
+            optimal_steps=world.optimal_steps,
         )
+        if outcome is not Outcome.RUNNING:
+            running.close()
         return running.answered
 
 
-def _rules(spec: WorldSpec) -> WorldConfig:
-    return WorldConfig(spec.goal_reward, spec.step_reward, spec.deadlock_reward, spec.steps_max)
+def _ground(spec: WorldSpec | GymWorld, seed: int) -> Ground:
+    if isinstance(spec, GymWorld):
+        from services.gym.world import GymGround  # noqa: PLC0415 - an extra that few deployments have
+
+        return GymGround(spec, seed)
+    rules = WorldConfig(spec.goal_reward, spec.step_reward, spec.deadlock_reward, spec.steps_max)
+    return _SokobanGround(make_world(spec.level, rules, spec.starts, seed))
 
 
 class _UnknownAction(Exception):  # noqa: N818 - it names what is wrong
     """A request names an action that this world does not have."""
+
+
+class _SokobanGround:
+    """One level."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+
+    def begin(self, episode: int) -> Course:
+        return _SokobanCourse(self._world, self._world.begin(episode))
+
+
+class _SokobanCourse:
+    """An episode on a level."""
+
+    __slots__ = ("_before", "_board", "_world", "start_steps", "state", "view")
+
+    def __init__(self, world: World, start: Board) -> None:
+        self._world, self._board, self._before = world, start, start
+        self.start_steps = world.optimal_steps(start)
+        self.state, self.view = start.state_key(), start.to_xsb()
+
+    @property
+    def optimal_steps(self) -> int | None:
+        return self._world.optimal_steps(self._board)
+
+    def act(self, name: str, steps_done: int) -> tuple[float, Outcome]:
+        done = _done(self._world, self._board, self._before, name, steps_done)
+        self._before, self._board = self._board, done.board
+        self.state, self.view = done.board.state_key(), done.board.to_xsb()
+        return done.reward, done.outcome
+
+    def close(self) -> None:
+        """Nothing is held."""
 
 
 def _done(world: World, board: Board, before: Board, name: str, steps_done: int) -> Consequence:

@@ -6,7 +6,7 @@ Time is an argument; no thread, no wire, no viewer.
 from collections import deque
 from dataclasses import dataclass, field
 
-from protocol.messages import Crowd, Decision, Episode, SessionReport, Step
+from protocol.messages import Crowd, Decision, Episode, SessionReport, Step, World
 from services.monitor.chronicle import Chronicle, wall
 from services.monitor.policy import draw_policy
 from services.monitor.rows import Curves, Document, Moment, Picture, Row, Rows
@@ -110,7 +110,8 @@ class SessionView:
         self.chronicle.offer_episodes(report.episodes)
         self.report = report
         if self.decision is None and self._shown is None:
-            self.view = report.config.world.level
+            world = report.config.world
+            self.view = world.level if isinstance(world, World) else ""
             self._stage.offer((Frame(Moment(report.summary.decision), self.view),))
 
     def left_s(self, now_s: float) -> float | None:

@@ -78,7 +78,14 @@ MEANINGS = {
     "inputs": "answers applied",
     "agreements": "steps with h > 0",
     "kind": "what is said",
-    "World.kind": "what world it is",
+    "environment": "its registered id, such as `FrozenLake-v1`",
+    "options": "what it is made with, such as `is_slippery`",
+    "GymWorld.actions": "names of its actions, by index",
+    "GymWorld.level_name": "name of the world, for people",
+    "render": "what a view is: see *Views*",
+    "reward_scale": "what its rewards are multiplied by",
+    "GymWorld.goal_reward": "what ending well pays, scaled, for warnings; null where nobody knows",
+    "GymWorld.step_reward": "what a step pays at most, scaled, for warnings",
     "aggregator": "name under which the crowd teaches",
     "Crowd.epoch": "which life of the aggregator",
     "Crowd.at_ns": "when the round closed, ns since 1970 on the aggregator's clock",
@@ -179,6 +186,8 @@ def said(kind: inspect.Type) -> str:  # noqa: C901, PLR0911, PLR0912 - a case a 
             return "null"
         case inspect.LiteralType(values):
             return " or ".join(f"`{value}`" for value in values)
+        case inspect.IntType(ge=None, le=None):
+            return "int"
         case inspect.IntType(ge=low, le=high):
             return f"int {_number(low)} to {_number(high)}"
         case inspect.FloatType(ge=low, le=high):
@@ -208,7 +217,7 @@ def _number(value: int | None) -> str:
 
 
 def title(each: type[msgspec.Struct]) -> str:
-    tag = each.__struct_config__.tag
+    tag = each.__struct_config__.tag if each.__struct_config__.tag_field == "type" else None
     return f"{each.__name__}, type `{tag}`" if tag else each.__name__
 
 
@@ -226,6 +235,8 @@ def table(each: type[msgspec.Struct]) -> Iterator[str]:
     yield "|---|---|---|---|"
     info = inspect.type_info(each)
     assert isinstance(info, inspect.StructType)
+    if info.tag_field == "kind":
+        yield f"| `kind` | `{info.tag}` | always | what world it is |"
     for field in info.fields:
         meaning = MEANINGS.get(f"{each.__name__}.{field.name}") or MEANINGS[field.name]
         need = "always" if field.required or field.name == "schema" else f"else {_default(field)}"

@@ -12,7 +12,7 @@ from typing import Any
 
 from protocol.codec import encode, unpack
 from protocol.messages import Wire
-from tests.protocol.samples import FULL
+from tests.protocol.samples import FULL, OTHER_WORLDS
 
 VECTORS = Path(__file__).parents[2] / "protocol" / "vectors"
 
@@ -20,6 +20,9 @@ VECTORS = Path(__file__).parents[2] / "protocol" / "vectors"
 def type_name(message: Wire) -> str:
     """The `type` of the message on the wire."""
     return str(type(message).__struct_config__.tag)
+
+
+NAMED: dict[str, Wire] = {type_name(message): message for message in FULL} | OTHER_WORLDS
 
 
 def readable(value: Any) -> Any:  # noqa: ANN401 - any msgpack value
@@ -35,9 +38,8 @@ def readable(value: Any) -> Any:  # noqa: ANN401 - any msgpack value
 
 def main() -> None:
     VECTORS.mkdir(exist_ok=True)
-    for message in FULL:
+    for name, message in NAMED.items():
         payload = encode(message)
-        name = type_name(message)
         (VECTORS / f"{name}.bin").write_bytes(payload)
         twin = json.dumps(readable(unpack(payload)), indent=2, ensure_ascii=True)
         (VECTORS / f"{name}.json").write_text(twin + "\n", encoding="ascii")

@@ -9,6 +9,7 @@ from protocol.messages import (
     Decision,
     Done,
     Episode,
+    GymWorld,
     Join,
     JournalRow,
     JournalRows,
@@ -38,6 +39,17 @@ TOKEN = "signed.token"  # noqa: S105 - an example, signed by nobody
 ACTIONS = ("LEFT", "RIGHT", "UP", "DOWN")
 WINDOW = WindowSpec(mode="early", span_ms=2000, quorum=0)
 WORLD = World(level=VIEW, level_name="corridor", starts="1")
+LAKE = GymWorld(
+    environment="FrozenLake-v1",
+    options={"is_slippery": False, "map_name": "4x4", "success_rate": 1.0},
+    actions=("LEFT", "DOWN", "RIGHT", "UP"),
+    level_name="FrozenLake-v1 (is_slippery=False)",
+    render="text",
+    reward_scale=10.0,
+    goal_reward=10.0,
+    step_reward=0.0,
+    steps_max=100,
+)
 
 DECISION = Decision(
     session="s1",
@@ -222,3 +234,9 @@ FULL: tuple[Wire, ...] = (
     ),
 )
 """Every message once, with every field that it can carry."""
+
+OTHER_WORLDS: dict[str, Wire] = {
+    "begin-gym": Begin(session="lake", epoch=1, episode=1, seed=42, world=LAKE, actions=("DOWN", "RIGHT")),
+    "create-session-gym": CreateSession(session="lake", world=LAKE, window=WINDOW),
+}
+"""Messages whose world is of another kind, by the name of their vector."""

@@ -1,0 +1,261 @@
+"""A Gymnasium environment as the world of a session: begun by seed, restored and taken back by its actions.
+
+An episode is what its seed and its actions make of a fresh reset, chance included, so nothing is kept of it.
+"""
+
+import re
+import warnings
+from functools import cached_property
+from typing import Any
+
+from protocol.messages import GymWorld
+from protocol.world_messages import UNDO
+from services.gym.digest import state_key
+from services.gym.errors import GymError
+from services.gym.names import action_names
+from services.gym.oracle import Transitions, optimal_actions, table_of
+from services.gym.rendering import VIEW_MAX, as_observed, as_picture, as_text
+from sfid_core.chance import stream
+from sfid_core.outcome import Outcome
+
+STEPS_MAX = 200
+"""Cap of an episode where the environment has none."""
+RESERVED = frozenset({"id", "render_mode", "max_episode_steps", "disable_env_checker", "vectorization_mode"})
+_SEED_MASK = 2**31 - 1
+_IMPORTS = re.compile(r"[^A-Za-z0-9_./-]")
+
+
+def make(environment: str, options: dict[str, Any], render: str) -> tuple[Any, str]:
+    """Return the environment, without a cap of its own, and its render mode ("" when it cannot be drawn).
+
+    Args: render: "text" or "picture". Raises: GymError, one line with the mend.
+    """
+    if _IMPORTS.search(environment):
+        raise GymError(f"environment {environment!r}: name a registered one, such as FrozenLake-v1")
+    if refused := sorted(RESERVED & set(options)):
+        raise GymError(f"option {refused[0]} of {environment} is not yours to set: leave it out")
+    try:
+        import gymnasium  # noqa: PLC0415 - an extra, and slow to import
+    except ImportError:
+        raise GymError("Gymnasium is not installed: install sfid[gym]") from None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            modes = gymnasium.spec(environment)
+            made = gymnasium.make(
+                environment, max_episode_steps=-1, disable_env_checker=True,
+                render_mode=_render_mode(modes, render), **options,
+            )  # fmt: skip
+        except Exception as error:  # noqa: BLE001 - an environment may fail in any way
+            raise GymError(f"environment {environment}: {_one_line(error)}") from None
+    return made, made.render_mode or ""
+
+
+def _render_mode(spec: Any, render: str) -> str | None:  # noqa: ANN401 - Gymnasium is an extra
+    """Return what an environment is made with, before it is made: its class says what it can."""
+    from gymnasium.envs.registration import load_env_creator  # noqa: PLC0415 - as above
+
+    point = spec.entry_point
+    creator = point if callable(point) else load_env_creator(point)
+    modes = getattr(creator, "metadata", {}).get("render_modes", ())
+    for mode in ("ansi",) if render == "text" else ("rgb_array",):
+        if mode in modes:
+            return mode
+    if render == "picture":
+        raise GymError("cannot be drawn as a picture: render it as text")
+    return None
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:300] or type(error).__name__
+
+
+class GymGround:
+    """One environment under one configuration: makes courses, and knows what is best in it if that is known.
+
+    Raises: GymError when it cannot be made, has no finite actions, or is not what the session was told.
+    """
+
+    def __init__(self, world: GymWorld, seed: int) -> None:
+        self.world, self.seed = world, seed
+        self._idle: list[Any] = []
+        self._shared: Any = None
+        first = self._make()
+        if len(world.actions) != action_count(first):
+            raise GymError(
+                f"environment {world.environment} has {action_count(first)} actions, "
+                f"the session names {len(world.actions)}: its version or its options differ"
+            )
+        self._idle.append(first)
+        self.table: Transitions | None = table_of(first)
+
+    @cached_property
+    def optimal(self) -> dict[bytes, tuple[str, ...]]:
+        """The names of the best actions by state key; empty for an environment without a transition table."""
+        if self.table is None:
+            return {}
+        best = optimal_actions(self.table.solve())
+        names = self.world.actions
+        return {state_key(s): tuple(names[action] for action in row) for s, row in enumerate(best)}
+
+    @cached_property
+    def distances(self) -> dict[bytes, int]:
+        """Fewest steps to the best ending by state key; empty where chance has a part or nobody knows."""
+        if self.table is None or not self.table.is_certain:
+            return {}
+        return {state_key(s): int(n) for s, n in enumerate(self.table.fewest_steps()) if n >= 0}
+
+    def outcome(self, reward: float, *, ended: bool, cut: bool) -> Outcome:
+        """Return how a step leaves its episode.
+
+        Ended well is SOLVED: with the best reward that any ending brings, above 0 where nobody knows them.
+        Any other end is DEADLOCK: nothing follows. An environment that cuts itself off is at its CAP.
+        """
+        if ended:
+            well = reward > 0 if self.table is None else reward >= self.table.best_ending
+            return Outcome.SOLVED if well else Outcome.DEADLOCK
+        return Outcome.CAP if cut else Outcome.RUNNING
+
+    def begin(self, episode: int) -> "GymCourse":
+        """Return the episode of that number at its start."""
+        seed = stream(self.seed, "gym", episode) & _SEED_MASK
+        return GymCourse(self, self._idle.pop() if self._idle else self._make(), seed)
+
+    def give_back(self, environment: Any) -> None:  # noqa: ANN401 - any environment
+        """Take an environment that nobody plays any longer."""
+        self._idle.append(environment)
+
+    def _make(self) -> Any:  # noqa: ANN401 - any environment
+        world = self.world
+        made, self.mode = make(world.environment, dict(world.options), world.render)
+        table = getattr(made.unwrapped, "P", None)
+        if self._shared is None:
+            self._shared = table
+        elif table != self._shared:
+            made.close()
+            raise GymError(
+                f"environment {world.environment} is another one each time it is made: "
+                "give the options that fix it (a map, a size)"
+            )
+        else:
+            made.unwrapped.P = self._shared  # thousands of sessions need one table
+        return made
+
+
+class GymCourse:
+    """One episode of an environment; see `services.environment.Course`."""
+
+    def __init__(self, ground: GymGround, environment: Any, seed: int) -> None:  # noqa: ANN401
+        self._ground, self._environment, self._seed = ground, environment, seed
+        self._numbers = {name: index for index, name in enumerate(ground.world.actions)}
+        self._taken: tuple[str, ...] = ()
+        self._before: tuple[str, ...] = ()
+        self.state = b""
+        self.view = ""
+        self._stand_at(())
+        self.start_steps = self.optimal_steps
+
+    @property
+    def optimal_steps(self) -> int | None:
+        """Fewest steps to the best ending, None where there is no way or nobody knows."""
+        return self._ground.distances.get(self.state)
+
+    def act(self, name: str, steps_done: int) -> tuple[float, Outcome]:
+        """Take an action, or UNDO, which goes back to where the action before it was taken.
+
+        Returns (reward, outcome). Raises: GymError for an action that the environment does not have.
+        """
+        capped = steps_done + 1 >= self._ground.world.steps_max
+        if name == UNDO:
+            taken, self._before = self._before, self._taken
+            self._stand_at(taken)
+            return 0.0, Outcome.CAP if capped else Outcome.RUNNING
+        reward, outcome = self._step(name)
+        self._taken, self._before = (*self._taken, name), self._taken
+        if outcome is Outcome.RUNNING and capped:
+            outcome = Outcome.CAP
+        return reward * self._ground.world.reward_scale, outcome
+
+    def close(self) -> None:
+        """Give the environment back; the course is over."""
+        if self._environment is not None:
+            self._ground.give_back(self._environment)
+            self._environment = None
+
+    def _stand_at(self, taken: tuple[str, ...]) -> None:
+        observation, _ = self._environment.reset(seed=self._seed)
+        self._see(observation)
+        for name in taken:
+            self._step(name)
+        self._taken = taken
+
+    def _step(self, name: str) -> tuple[float, Outcome]:
+        if name not in self._numbers:
+            raise GymError(f"no action {name}: use one of {', '.join(self._numbers)}")
+        first = int(getattr(self._environment.action_space, "start", 0))
+        observation, reward, ended, cut, _ = self._environment.step(first + self._numbers[name])
+        self._see(observation)
+        return float(reward), self._ground.outcome(float(reward), ended=bool(ended), cut=bool(cut))
+
+    def _see(self, observation: Any) -> None:  # noqa: ANN401 - environments observe what they like
+        self.state = state_key(observation)
+        mode = self._ground.mode
+        drawn = self._environment.render() if mode else observation
+        view = as_text(drawn) if mode == "ansi" else as_picture(drawn) if mode else as_observed(drawn)
+        if len(view) > VIEW_MAX:
+            raise GymError(f"a view takes {len(view)} characters, {VIEW_MAX} fit: render it another way")
+        self.view = view
+
+
+def action_count(environment: Any) -> int:  # noqa: ANN401 - any environment
+    """Return how many actions it has. Raises: GymError when they are not 1 to 64 numbers."""
+    count = getattr(environment.action_space, "n", None)
+    if count is None or getattr(environment.action_space, "shape", ()) != ():
+        raise GymError("its actions are no finite list: take an environment with discrete actions")
+    if not 1 <= int(count) <= 64:
+        raise GymError(f"it has {count} actions, 1 to 64 can be taught: take another environment")
+    return int(count)
+
+
+def described(
+    environment: str,
+    options: dict[str, Any],
+    *,
+    render: str = "text",
+    actions: tuple[str, ...] = (),
+    reward_scale: float = 1.0,
+    steps_max: int | None = None,
+) -> GymWorld:
+    """Return the world of an environment, completed by what it says of itself.
+
+    Args: actions: names by index, known or made up when empty; steps_max: the environment's own when None.
+    Raises: GymError, one line with the mend.
+    """
+    made, _ = make(environment, options, render)
+    try:
+        count, table = action_count(made), table_of(made)
+        state_key(made.reset(seed=0)[0])
+        if actions and len(actions) != count:
+            raise GymError(f"{len(actions)} names for the {count} actions of {environment}: name each")
+        cap = steps_max or getattr(made.spec, "max_episode_steps", None) or _own_cap(environment)
+        own = made.spec.id
+    finally:
+        made.close()
+    set_options = ", ".join(f"{name}={value}" for name, value in sorted(options.items()))
+    return GymWorld(
+        environment=own,
+        options=options,
+        actions=actions or action_names(own, count),
+        level_name=f"{own} ({set_options})" if set_options else own,
+        render="picture" if render == "picture" else "text",
+        reward_scale=reward_scale,
+        goal_reward=None if table is None else table.best_ending * reward_scale,
+        step_reward=0.0 if table is None else table.step_reward * reward_scale,
+        steps_max=cap,
+    )
+
+
+def _own_cap(environment: str) -> int:
+    import gymnasium  # noqa: PLC0415 - an extra, and slow to import
+
+    return gymnasium.spec(environment).max_episode_steps or STEPS_MAX
