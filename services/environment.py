@@ -20,6 +20,8 @@ from protocol.translate import action_names
 from protocol.world_messages import UNDO, Begin, Begun, ExecuteAction, Executed
 from services.gym.errors import GymError
 from services.runtime.bus import Bus, Request
+from services.runtime.clock import SystemClock
+from services.runtime.status import StatusDesk
 from sfid_core.outcome import Outcome
 from sfid_core.sokoban.actions import Action
 from sfid_core.sokoban.board import Board
@@ -99,6 +101,11 @@ class Environment:
         self._episodes: dict[str, _Episode] = {}
         self._worlds: dict[bytes, Ground] = {}
         self.refused: Counter[str] = Counter()
+
+    @property
+    def sessions(self) -> int:
+        """How many sessions have an episode here."""
+        return len(self._episodes)
 
     def handle(self, verb: str, payload: bytes) -> Wire:
         """Return the reply to a request; a Refusal says in one line what is wrong."""
@@ -282,6 +289,13 @@ def run(config: EnvironmentConfig, bus: Bus, ready: Callable[[], None], stop: th
 
     for verb in ("begin", "execute"):
         bus.serve(keys.environment(verb), receive(verb))
+    desk = StatusDesk(
+        "environment", config.name, SystemClock(),
+        lambda: {
+            "backlog": inbox.qsize(), "sessions": environment.sessions, "refused": dict(environment.refused)
+        },
+    )  # fmt: skip
+    bus.serve(keys.status("environment", config.name), receive("status"))
     bus.announce(keys.service("environment", config.name))
     ready()
     while not stop.is_set():
@@ -289,7 +303,11 @@ def run(config: EnvironmentConfig, bus: Bus, ready: Callable[[], None], stop: th
             item = inbox.get(timeout=0.2)
         except queue.Empty:
             continue
-        if item is not None:
+        if item is None:
+            continue
+        if item[0] == "status":
+            desk.reply(item[1])
+        else:
             _reply(item[1], environment.handle(item[0], item[1].payload))
     log.info("environment drained: %d requests refused", environment.refused.total())
 
