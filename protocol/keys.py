@@ -10,6 +10,7 @@ sfid/v1/<deployment>/session/<session>/crowd/<aggregator>        put     aggrega
 sfid/v1/<deployment>/learner/<verb>                              query   anybody  -> learner
 sfid/v1/<deployment>/environment/<verb>                          query   learner -> environment
 sfid/v1/<deployment>/service/<role>/<name>                       token   service -> everybody
+sfid/v1/<deployment>/status/<role>/<name>                        query   operator, itself -> service
 """
 
 import re
@@ -90,6 +91,18 @@ class Keys:
     def service(self, role: str = "*", name: str = "*") -> str:
         """A service's liveliness token."""
         return f"{self.root}/service/{role}/{name}"
+
+    def status(self, role: str = "*", name: str = "*") -> str:
+        """Where a service is asked how it does."""
+        return f"{self.root}/status/{role}/{name}"
+
+    def role_and_name(self, key: str) -> tuple[str, str]:
+        """Return (role, name) of a service's token; KeyNameError for any other key."""
+        parts = key.removeprefix(self.root + "/").split("/")
+        if len(parts) != 3 or parts[0] != "service":
+            message = f"key {key[:120]!r} names no service"
+            raise KeyNameError(message)
+        return checked(parts[1], "role"), checked(parts[2], "service")
 
     def session_and_teacher(self, key: str) -> tuple[str, str]:
         """Return (session, teacher) of a join, answer, control or present key; KeyNameError for any other."""

@@ -13,6 +13,7 @@ from protocol.messages import Refusal, Wire
 from services.runtime.bus import Request
 from services.runtime.clock import Clock
 from services.runtime.journal import JournalError, JournalFenced, Shard
+from services.runtime.status import CommitMeter
 
 log = logging.getLogger("sfid.aggregator")
 
@@ -47,6 +48,12 @@ class DurableLoop:
         self._failing = False
         self._retry_at_ns = 0
         self._held: list[_Item] = []
+        self.commits = CommitMeter(clock)
+
+    @property
+    def waiting(self) -> int:
+        """How many messages wait for the loop."""
+        return self._inbox.qsize() + len(self._held)
 
     # ------------------------------------------------------------ what handlers use
 
@@ -123,11 +130,14 @@ class DurableLoop:
     def commit(self) -> None:
         """Make the group durable, then send what waited for it; a failing journal refuses and tries again."""
         unsent, self._unsent = self._unsent, []
+        syncs, began_ns = self.shard.syncs, self._clock.now_ns()
         try:
             self.shard.commit()
         except JournalError as error:
             self._failed(error, [request for request, _ in unsent])
             return
+        if self.shard.syncs != syncs:
+            self.commits.took(began_ns)
         self._uncommitted_since_ns = None
         for request, payload in unsent:
             request.reply(payload)

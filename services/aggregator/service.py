@@ -6,6 +6,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable
 from random import Random
+from typing import Any
 
 from protocol.codec import DecodeError, encode
 from protocol.crowd_journal import (
@@ -34,6 +35,7 @@ from services.client import AnswerState, AnswerUpdate, EpisodeOver, Learnt, Open
 from services.runtime.bus import Bus, Reply, Request
 from services.runtime.clock import Clock
 from services.runtime.journal import JournalError, Shard
+from services.runtime.status import StatusDesk
 from sfid_core.chance import stream, unit
 from sfid_core.crowd.round import (
     Announce,
@@ -117,7 +119,20 @@ class Aggregator:
         self.bus.serve(keys.control(), receiver(self.reception.on_control))
         for verb in ("list", "show"):
             self.bus.serve(keys.learner(verb), self._relay(self.learners.learner(verb)))
+        desk = StatusDesk("aggregator", self.config.name, self._clock, self._facts)
+        self.bus.serve(self.learners.status("aggregator", self.config.name), receiver(desk.reply))
         self.bus.announce(self.learners.service("aggregator", self.config.name))
+
+    def _facts(self) -> dict[str, Any]:
+        lives = self.crowds.values()
+        return {
+            "backlog": self.loop.waiting,
+            "sessions": len(lives),
+            "running": sum(not live.finished for live in lives),
+            "teachers": sum(len(live.crowd.members) for live in lives if live.crowd is not None),
+            "refused": {"malformed": self.malformed.total()} if self.malformed else {},
+            **self.loop.commits.facts(),
+        }
 
     def _relay(self, key: str) -> Callable[[Request], None]:
         """Return a server that passes a question about sessions on to the learner."""

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable, Mapping
 from functools import partial
+from typing import Any
 
 from protocol.identity import Identity, Role, TokenError, TokenFault, verify
 from protocol.keys import Keys
@@ -207,6 +208,16 @@ class House:
     def answers_open(self) -> int:
         """How many answers the learner has not acknowledged yet."""
         return sum(visitor.open_answers for visitor in self.visitors.values())
+
+    def facts(self) -> dict[str, Any]:
+        """Return what a ServiceStatus says of a gateway."""
+        return {
+            "sessions": len(self.rooms),
+            "running": len(self.rooms),
+            "teachers": sum(visitor.line is not None for visitor in self.visitors.values()),
+            "backlog": self.answers_open,
+            "refused": dict(self.counters.refused),
+        }
 
     def figures(self) -> Mapping[str, object]:
         """Return the present state in numbers; no names, no tokens."""

@@ -19,6 +19,7 @@ from services.runtime.bus import Bus
 from services.runtime.clock import Clock, SystemClock
 from services.runtime.register import Register
 from services.runtime.secret import load_secrets
+from services.runtime.status import StatusDesk
 from services.screens import Flow, TeachOnly
 
 log = logging.getLogger("sfid.gateway")
@@ -97,7 +98,7 @@ class _Gateway:
             raise GatewayError(message) from None
         address = place.address(next(iter(server.sockets)).getsockname()[1])
         reception.meet(address)
-        self._bus.announce(Keys(config.deployment).service("gateway", "0"))
+        self._serve_status(house, inbox)
         self._write_status(address, house)
         ready(f"teach in a browser at {address}, invite with `sfid invite`")
         try:
@@ -105,6 +106,12 @@ class _Gateway:
         finally:
             await self._close(house, server)
             self._write_status(address, house)
+
+    def _serve_status(self, house: House, inbox: Inbox) -> None:
+        desk = StatusDesk("gateway", "0", self._clock, house.facts)
+        keys = Keys(self._config.deployment)
+        self._bus.serve(keys.status("gateway", "0"), lambda request: inbox.post(desk.reply, request))
+        self._bus.announce(keys.service("gateway", "0"))
 
     async def _attend(self, house: House, address: str, stop: threading.Event) -> None:
         written_s = time.monotonic()

@@ -18,6 +18,7 @@ from services.learner.config import LearnerConfig
 from services.learner.live import LiveSession, recovered
 from services.learner.office import Office
 from services.learner.reception import Reception
+from services.learner.standing import Standing
 from services.learner.world import WorldDesk
 from services.runtime.bus import Bus, Presence, Request
 from services.runtime.clock import Clock
@@ -80,6 +81,7 @@ class Learner:
         self.world = WorldDesk(self)
         self.reception = Reception(self)
         self.office = Office(self)
+        self.standing = Standing(self, clock)
 
     # ------------------------------------------------------------ life
 
@@ -119,7 +121,13 @@ class Learner:
         self.bus.serve(keys.control(), enqueue(self.reception.on_control))
         for verb, handle in self.office.verbs.items():
             self.bus.serve(keys.learner(verb), enqueue(handle))
+        self.bus.serve(self.standing.key, enqueue(self.standing.reply))
         self.bus.announce(keys.service("learner", f"shard-{self.config.shard}"))
+
+    @property
+    def waiting(self) -> int:
+        """How many messages wait for the loop."""
+        return self._inbox.qsize() + len(self._held)
 
     def _receive(self, handle: Callable[[Request], None]) -> Callable[[Request], None]:
         def enqueue(request: Request) -> None:
@@ -350,7 +358,7 @@ class Learner:
         """Make the group durable, then send what waited for it; a failing journal refuses and tries again."""
         unsent, self._unsent = self._unsent, []
         try:
-            self.shard.commit()
+            self.standing.commit()
         except JournalError as error:
             self._journal_failed(error, unsent)
             return

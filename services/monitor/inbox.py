@@ -4,7 +4,7 @@ import threading
 from collections import deque
 from dataclasses import dataclass
 
-from services.runtime.bus import Received, Reply
+from services.runtime.bus import Received, Reply, Request
 
 MESSAGES_MAX = 8192
 BYTES_MAX = 16 * 1024 * 1024
@@ -33,7 +33,14 @@ class Told:
     reply: Reply | None
 
 
-Item = Received | Listed | Shown | Told
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """Somebody asks how the monitor does."""
+
+    request: Request
+
+
+Item = Received | Listed | Shown | Told | Asked
 
 
 class Inbox:
@@ -42,7 +49,7 @@ class Inbox:
     def __init__(self) -> None:
         self.dropped = 0
         self._messages: deque[Received] = deque()
-        self._replies: list[Listed | Shown | Told] = []
+        self._replies: list[Listed | Shown | Told | Asked] = []
         self._bytes = 0
         self._wake = threading.Condition()
 
@@ -56,7 +63,7 @@ class Inbox:
                 self.dropped += 1
             self._wake.notify()
 
-    def put_reply(self, reply: Listed | Shown | Told) -> None:
+    def put_reply(self, reply: Listed | Shown | Told | Asked) -> None:
         """Add an answer; never dropped, because the worker asks one thing a session at a time."""
         with self._wake:
             self._replies.append(reply)

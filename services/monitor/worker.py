@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 from protocol.codec import DecodeError, decode, encode, printable
 from protocol.keys import Keys
@@ -18,7 +18,7 @@ from protocol.messages import (
     Step,
 )
 from services.monitor.config import MonitorConfig, MonitorError
-from services.monitor.inbox import Inbox, Listed, Shown, Told
+from services.monitor.inbox import Asked, Inbox, Listed, Shown, Told
 from services.monitor.live import Live
 from services.monitor.overview import PERIOD_S, draw_overview, glance
 from services.monitor.past import Past
@@ -27,6 +27,7 @@ from services.monitor.rows import Rows
 from services.monitor.session_view import Due, SessionView
 from services.runtime.bus import Bus, Received
 from services.runtime.clock import Clock
+from services.runtime.status import StatusDesk
 
 IDLE_S = 0.05
 """Longest wait for a message: half the scene's period, so that a frame is at most that late."""
@@ -75,6 +76,14 @@ class Worker:
         self._clock = clock
         self._watched: dict[str, _Watched] = {}
         self._overview_due_s = 0.0
+        self._desk = StatusDesk("monitor", "0", clock, self._facts)
+
+    def _facts(self) -> dict[str, Any]:
+        unreadable = {"malformed": self.counts.malformed, "dropped": self.inbox.dropped}
+        return {
+            "sessions": len(self._watched),
+            "refused": {reason: count for reason, count in unreadable.items() if count},
+        }
 
     def subscribe(self) -> None:
         """Listen to the sessions, and ask the learner what happened before."""
@@ -82,6 +91,9 @@ class Worker:
         self._bus.subscribe(self._keys.decision(session), self.inbox.put)
         self._bus.subscribe(self._keys.measures(session), self.inbox.put)
         self._bus.subscribe(self._keys.crowd(session), self.inbox.put)
+        status = self._keys.status("monitor", "0")
+        self._bus.serve(status, lambda request: self.inbox.put_reply(Asked(request)))
+        self._bus.announce(self._keys.service("monitor", "0"))
         if self._config.session is not None:
             self._watch(self._config.session)
             return
@@ -120,6 +132,8 @@ class Worker:
                     self._take_report(item)
                 case Told():
                     self._take_page(item)
+                case Asked():
+                    self._desk.reply(item.request)
         now_s = self._now_s()
         active = sum(now_s - watched.heard_s < 1.0 for watched in self._watched.values())
         for watched in self._watched.values():
