@@ -87,7 +87,7 @@ def without_token(message: Answer, payload: bytes) -> bytes:
 
 def answer_body(code: AnswerCode, reason: str, answer: bytes) -> bytes:
     """Return the body of an answer's row: what its teacher was told, and what they said."""
-    return pack([code.value, reason, answer])
+    return pack([code.word, reason, answer])
 
 
 def read_answer_body(body: bytes) -> tuple[AnswerCode, str, bytes]:
@@ -130,7 +130,7 @@ def step_body(event: StepTaken, elapsed_at_ns: int | None) -> bytes:
     fields = [
         event.decision,
         event.reward,
-        event.outcome.value,
+        event.outcome.word,
         event.state,
         event.view,
         elapsed_at_ns,

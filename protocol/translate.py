@@ -11,6 +11,7 @@ from sfid_core.session.measures import EpisodeMeasures, LabelCounts, StepMeasure
 from sfid_core.session.state import Phase, Session
 from sfid_core.sokoban.actions import Action
 from sfid_core.teaching.answers import Answer, AnswerKind
+from sfid_core.teaching.merge import ACTIONS_MAX
 
 TEACHERS_NAMED_MAX = 64
 """Names listed in one decision message; a crowd is counted, not named."""
@@ -77,6 +78,23 @@ def answer_given(message: wire.Answer, numbers: Mapping[str, int]) -> AnswerGive
 
     Args: numbers: action name to index. Raises: UnknownAction.
     """
+    bare = (
+        message.kind == "label"
+        and message.action in numbers
+        and message.posterior is None
+        and message.reward is None
+        and message.mistake is None
+        and not message.guidance
+    )
+    answer = _LABELS[numbers[message.action]] if bare and message.action else _answer(message, numbers)
+    return AnswerGiven(message.teacher, message.answer_id, message.decision, message.state, answer)
+
+
+_LABELS = tuple(Answer(AnswerKind.LABEL, action) for action in range(ACTIONS_MAX))
+"""What nearly every answer is: an action and nothing else."""
+
+
+def _answer(message: wire.Answer, numbers: Mapping[str, int]) -> Answer:
     try:
         answer = Answer(
             _KINDS[message.kind],
@@ -103,7 +121,7 @@ def answer_given(message: wire.Answer, numbers: Mapping[str, int]) -> AnswerGive
     if answer.kind is AnswerKind.MISTAKE and answer.steps is None:
         text = "a mark names its first and last step: give `mistake`, or the kind abstain"
         raise UnknownAction(text)
-    return AnswerGiven(message.teacher, message.answer_id, message.decision, message.state, answer)
+    return answer
 
 
 _KINDS = {kind.value: kind for kind in AnswerKind}

@@ -12,7 +12,8 @@ class Outcome(Enum):
     CAP = "cap"
     """Cut off after the largest number of steps that an episode may have."""
 
-    @property
-    def terminal(self) -> bool:
+    def __init__(self, word: str) -> None:
+        self.word = word
+        """The value, as a plain attribute: read at every step, where `value` costs a call."""
+        self.terminal = word in {"solved", "deadlock"}
         """Whether nothing can follow. A capped episode is not terminal: the learner looks ahead from it."""
-        return self is Outcome.SOLVED or self is Outcome.DEADLOCK  # at every step: a set would hash it

@@ -12,6 +12,7 @@ from protocol.keys import KeyNameError
 from protocol.messages import Acknowledgement, Answer, Control, Done, Join, Refusal, Welcome
 from protocol.translate import UnknownAction, answer_given, episode_message, window_of
 from services.runtime.doorkeeper import Doorkeeper, reason_of
+from services.runtime.log_config import about
 from sfid_core.session.admission import NOT_OPEN_YET, why_rejected
 from sfid_core.session.effects import Acknowledge, AnswerCode, Ignored
 from sfid_core.session.events import (
@@ -87,6 +88,12 @@ class Reception:
         assert isinstance(told, Acknowledge)  # noqa: S101 - the machine's contract, for the type checker
         body = answer_body(told.code, told.reason, kept)
         seq = learner.append(live, Kind.ANSWER, body, at_ns, message.answer_id, message.teacher)
+        if log.isEnabledFor(logging.DEBUG):
+            ids = about(
+                session=live.name, decision=message.decision, answer_id=message.answer_id,
+                teacher=message.teacher, journal_seq=seq,
+            )  # fmt: skip
+            log.debug("answer journaled as %s", told.code.value, extra=ids)
         learner.perform(live, at_ns, effects[1:])
         self._acknowledge(request, message.answer_id, told.code, told.reason, seq)
 
@@ -115,7 +122,7 @@ class Reception:
     ) -> None:
         reply = Acknowledgement(
             answer_id=answer_id,
-            code=code.value,
+            code=code.word,
             reason=reason,
             check=blake2b(request.payload, digest_size=8).digest(),
             epoch=self._learner.shard.epoch,

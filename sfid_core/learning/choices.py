@@ -19,7 +19,9 @@ def explored(m: Memory, explore: float, draws: Draws, decision: int, chosen: int
 @kernel
 def choose_explored(m: Memory, p: Any, draws: Draws, state: int, decision: int) -> int:  # noqa: ANN401 - any method's
     """Return an action with the largest value, ties at random; with probability `p.explore` any action."""
-    return explored(m, p.explore, draws, decision, choose_first_block(m, p, draws, state, decision))
+    if p.explore > 0.0 and unit(draws.explore, decision) < p.explore:
+        return below(draws.ties, decision, m.actions)
+    return choose_first_block(m, p, draws, state, decision)
 
 
 @kernel

@@ -5,7 +5,16 @@ from collections.abc import Sequence
 from hashlib import sha256
 
 from sfid_core.chance import draw, stream
-from sfid_core.learning.kernels import Draws, Evidence, Learned, Memory, Transition
+from sfid_core.learning.kernels import (
+    Draws,
+    Evidence,
+    Learned,
+    Memory,
+    Transition,
+    keep_action,
+    keep_step,
+    prefer,
+)
 from sfid_core.learning.method import Method, Numbers
 
 
@@ -35,6 +44,10 @@ class Learner:
         trail = [0.0] * (trail_steps * method.trail)
         self.memory = Memory(values, [0.0] * method.scalars, trail, actions, self._width)
         self._values = values
+        # What a method leaves as it is need not be called at every step.
+        self._settles = method.settle is not keep_action
+        self._undoes = method.undo is not keep_step
+        self._prefers = method.prefer is not prefer
 
     def begin(self, episode: int) -> None:
         """Begin an episode (0 or more)."""
@@ -46,6 +59,8 @@ class Learner:
 
     def settle(self, state: bytes, action: int, evidence: Evidence, decision: int) -> int:
         """Return the action that is taken once teachers have answered."""
+        if not self._settles:
+            return action
         number = self._number(state)
         return self.method.settle(
             self.memory, self.parameters, self._draws, number, action, evidence, decision
@@ -53,7 +68,7 @@ class Learner:
 
     def undoes(self, evidence: Evidence) -> bool:
         """Tell whether the environment shall take back the step that teachers said this about."""
-        return self.method.undo(self.parameters, evidence) == 1
+        return self._undoes and self.method.undo(self.parameters, evidence) == 1
 
     def learn(  # noqa: PLR0913 - a step has these parts
         self,
@@ -69,14 +84,21 @@ class Learner:
         span_ms: float = 0.0,
     ) -> Learned:
         """Update from one transition; `distances` are the fewest steps to solved before and after it."""
-        here, there = self._number(state), self._number(next_state)
+        numbers = self._numbers
+        here = numbers[state] if state in numbers else self._number(state)  # nearly always met before
+        there = numbers[next_state] if next_state in numbers else self._number(next_state)
         transition = Transition(here, action, reward, there, terminal, step, *distances, span_ms)
         return self.method.learn(self.memory, self.parameters, transition, evidence)
 
     def values(self, state: bytes) -> tuple[float, ...]:
         """Return how much the policy prefers each action in `state`."""
-        number, actions = self._number(state), range(self.memory.actions)
-        return tuple(self.method.prefer(self.memory, self.parameters, number, action) for action in actions)
+        number, actions = self._number(state), self.memory.actions
+        if not self._prefers:
+            at = number * self._width
+            return tuple(self._values[at : at + actions])
+        return tuple(
+            [self.method.prefer(self.memory, self.parameters, number, action) for action in range(actions)]
+        )
 
     def __len__(self) -> int:
         """Return the number of states learnt about."""

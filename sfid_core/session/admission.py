@@ -7,6 +7,22 @@ from sfid_core.teaching.answers import AnswerKind
 NOT_OPEN_YET = "that decision is not open yet"
 
 
+def is_plainly_open(session: Session, event: AnswerGiven) -> bool:
+    """Tell whether this is what nearly every answer is: what was asked, in time, of somebody who takes part.
+
+    Then `why_rejected` says nothing and `is_open_to` holds; of any other answer they say what it is.
+    """
+    method, answer = session.learner.method, event.answer
+    return (
+        answer.kind is (method.asks_before if session.transition is None else method.asks_after)
+        and event.decision == session.decision
+        and event.state == session.state
+        and session.phase is Phase.ASKING
+        and event.teacher in session.teachers
+        and (answer.kind is not AnswerKind.REWARD or answer.action in {None, session.action})
+    )
+
+
 def why_rejected(session: Session, event: AnswerGiven) -> str:
     """Say why an answer answers nothing that was asked, or return an empty text."""
     if event.teacher not in session.teachers and session.phase is not Phase.FINISHED:  # they may come back

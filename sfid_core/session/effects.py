@@ -1,7 +1,11 @@
-"""Everything a session can ask its shell to do. Data, never callables."""
+"""Everything a session can ask its shell to do. Data, never callables.
+
+Those that come with every step are named tuples, which are made three times faster than frozen dataclasses.
+"""
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 from sfid_core.session.measures import EpisodeMeasures, StepMeasures
 
@@ -20,6 +24,10 @@ class AnswerCode(Enum):
     CONFLICT = "conflict"
     """The same id came before with another content."""
 
+    def __init__(self, word: str) -> None:
+        self.word = word
+        """The value, as a plain attribute: read at every answer, where `value` costs a call."""
+
 
 @dataclass(frozen=True, slots=True)
 class BeginEpisode:
@@ -28,16 +36,14 @@ class BeginEpisode:
     episode: int
 
 
-@dataclass(frozen=True, slots=True)
-class Execute:
+class Execute(NamedTuple):
     """Ask the environment to execute the action of this decision, exactly once."""
 
     decision: int
     action: int
 
 
-@dataclass(frozen=True, slots=True)
-class Acknowledge:
+class Acknowledge(NamedTuple):
     """Tell the teacher what became of the answer, once it is durable."""
 
     answer_id: bytes
@@ -50,8 +56,7 @@ class Announce:
     """Publish the decision as it stands: opened, closed, paused, or with other teachers."""
 
 
-@dataclass(frozen=True, slots=True)
-class StepDone:
+class StepDone(NamedTuple):
     """Publish the measures of a learnt step."""
 
     measures: StepMeasures

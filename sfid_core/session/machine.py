@@ -21,7 +21,7 @@ from typing import Any
 
 from sfid_core.learning.kernels import Evidence, Learned
 from sfid_core.outcome import Outcome
-from sfid_core.session.admission import is_open_to, why_rejected
+from sfid_core.session.admission import is_open_to, is_plainly_open, why_rejected
 from sfid_core.session.config import WindowMode
 from sfid_core.session.effects import (
     Acknowledge,
@@ -51,7 +51,7 @@ from sfid_core.session.events import (
 )
 from sfid_core.session.measures import EpisodeTally, StepMeasures
 from sfid_core.session.state import Given, Phase, Session
-from sfid_core.teaching.answers import Answer, AnswerKind
+from sfid_core.teaching.answers import AnswerKind
 from sfid_core.teaching.merge import SILENCE, merge
 
 Effects = tuple[Effect, ...]
@@ -121,7 +121,6 @@ def _open(session: Session, at_ns: int) -> Effects:
         return _undo(session, at_ns)
     session.action = session.learner.choose(session.state, session.decision)
     session.opened_at_ns = at_ns
-    _forget_answers(session)
     if session.learner.method.asks_before is not None:
         return _ask(session, at_ns)
     session.phase = Phase.EXECUTING
@@ -162,20 +161,22 @@ def _set_deadline(session: Session, at_ns: int) -> None:
 
 
 def _answer(session: Session, at_ns: int, event: AnswerGiven) -> Effects:
-    counted = event.answer.kind is not AnswerKind.ABSTAIN
-    session.counts.submitted += counted
-    reason = why_rejected(session, event)
-    if reason:
-        session.counts.rejected += counted
-        return (Acknowledge(event.answer_id, AnswerCode.REJECTED, reason),)
-    session.counts.acknowledged += counted
-    if not is_open_to(session, event):
-        return (Acknowledge(event.answer_id, _too_late(session, at_ns, event, counted=counted)),)
+    counts, counted = session.counts, event.answer.kind is not AnswerKind.ABSTAIN
+    counts.submitted += counted
+    if not is_plainly_open(session, event):
+        reason = why_rejected(session, event)
+        if reason:
+            counts.rejected += counted
+            return (Acknowledge(event.answer_id, AnswerCode.REJECTED, reason),)
+        if not is_open_to(session, event):
+            counts.acknowledged += counted
+            return (Acknowledge(event.answer_id, _too_late(session, at_ns, event, counted=counted)),)
+    counts.acknowledged += counted
     before = session.answers.get(event.teacher)
     if before is not None and before.answer.kind is not AnswerKind.ABSTAIN:
-        session.counts.pending -= 1
-        session.counts.superseded += 1
-    session.counts.pending += counted
+        counts.pending -= 1
+        counts.superseded += 1
+    counts.pending += counted
     session.answers[event.teacher] = Given(event.answer_id, event.answer, at_ns)
     return (Acknowledge(event.answer_id, AnswerCode.ACCEPTED), *_close_if_answered(session, at_ns))
 
@@ -209,11 +210,11 @@ def _close(session: Session, at_ns: int) -> Effects:
     """Close the window: merge the answers, then act (asked before the action) or learn (asked after it)."""
     session.deadline_ns = None
     learner, before = session.learner, session.evidence
-    said = tuple((teacher, session.answers[teacher].answer) for teacher in sorted(session.answers))
-    first_ns = min((given.at_ns for given in session.answers.values()), default=session.asked_at_ns)
+    said = [(teacher, session.answers[teacher].answer) for teacher in sorted(session.answers)]
+    first_ns = min([given.at_ns for given in session.answers.values()], default=session.asked_at_ns)
     delay_ms = (first_ns - session.asked_at_ns) / 1e6
     evidence = merge([answer for _, answer in said], learner.memory.actions, delay_ms)
-    session.given += said
+    session.given += tuple(said)
     if session.transition is not None:
         guided = before is not None and before.given
         session.evidence = evidence._replace(guidance=before.guidance) if guided and before else evidence
@@ -222,10 +223,6 @@ def _close(session: Session, at_ns: int) -> Effects:
     session.action = learner.settle(session.state, session.action, evidence, session.decision)
     session.phase = Phase.EXECUTING
     return (Execute(session.decision, session.action),)
-
-
-def _labels(answers: Iterable[Answer]) -> int:
-    return sum(answer.kind is not AnswerKind.ABSTAIN for answer in answers)
 
 
 def _taken(session: Session, at_ns: int, event: StepTaken) -> Effects:
@@ -279,7 +276,7 @@ def _go_on(
     session: Session, at_ns: int, taken: StepTaken, evidence: Evidence, learned: Learned | None
 ) -> Effects:
     """Measure the step, then open the next decision, or end the episode."""
-    inputs = _labels(answer for _, answer in session.given)
+    inputs = sum([answer.kind is not AnswerKind.ABSTAIN for _, answer in session.given])
     session.counts.pending -= inputs
     session.counts.applied += inputs
     session.tally.add(taken.reward, learned, inputs, session.gamma)

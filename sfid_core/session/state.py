@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import NamedTuple
 
 from sfid_core.learning.kernels import Evidence
 from sfid_core.learning.learner import Learner, learner_draws
@@ -28,8 +29,7 @@ class Phase(Enum):
     FINISHED = "finished"
 
 
-@dataclass(slots=True)
-class Given:
+class Given(NamedTuple):
     """An answer that waits in the open window."""
 
     answer_id: bytes

@@ -20,6 +20,8 @@ class AnswerKind(Enum):
     ABSTAIN = "abstain"
     """Seen, and deliberately nothing to say: counts for the quorum, never for learning."""
 
+    __hash__ = object.__hash__  # a member is itself alone; an enum's own hash is the name's, in Python
+
 
 class Answer(NamedTuple):
     """One teacher's answer to one decision.

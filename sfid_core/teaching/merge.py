@@ -39,7 +39,8 @@ def _alone(answer: Answer, actions: int, delay_ms: float) -> Evidence:
     """Return what one answer says: one teacher alone is taken at their word."""
     if answer.kind is AnswerKind.LABEL and answer.action is not None:
         certain: Sequence[float] = ONE_HOT[actions][answer.action]
-        return Evidence(given=1, label=answer.action, belief=answer.posterior or certain, delay_ms=delay_ms)
+        belief = answer.posterior or certain
+        return Evidence(1, answer.action, belief, 0.0, 0, -1, -1, delay_ms)  # by place: the commonest answer
     if answer.kind is AnswerKind.REWARD and answer.reward:
         return Evidence(given=1, belief=_nowhere(actions), reward=answer.reward, delay_ms=delay_ms)
     if answer.kind is AnswerKind.UNDO:

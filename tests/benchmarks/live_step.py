@@ -126,7 +126,7 @@ def step(
     encode(
         Acknowledgement(
             answer_id=message.answer_id,
-            code=told.code.value,
+            code=told.code.word,
             reason=told.reason,
             check=check,
             epoch=1,
