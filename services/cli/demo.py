@@ -16,10 +16,19 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from protocol.codec import decode
 from protocol.keys import Keys
-from protocol.messages import CreateSession, Episode, SessionReport, Step, WindowSpec
+from protocol.messages import CreateSession, Episode, GymWorld, SessionReport, Step, WindowSpec
 from services.cli import launch
 from services.cli.failure import NOT_SO, CommandError
-from services.cli.options import CONNECT_TIMEOUT_MS, Episodes, Json, Level, Method, Seed, Starts, print_json
+from services.cli.gym_options import (
+    Gym,
+    GymActions,
+    GymOption,
+    GymRender,
+    RewardScale,
+    gym_flags,
+    gym_world,
+)
+from services.cli.options import Episodes, Json, Level, Method, Seed, Starts, print_json
 from services.cli.session import session_config
 from services.cli.tables import labels_line, print_episodes, report_document
 from services.cli.waiting import stoppable
@@ -72,6 +81,11 @@ def demo(  # noqa: PLR0917 - one argument a flag
         bool, typer.Option(help="Run the Rerun monitor, at a pace that can be watched.")
     ] = True,
     pace_ms: Annotated[int | None, typer.Option(help="Thinking time of the teachers in ms.")] = None,
+    gym: Gym = None,
+    gym_option: GymOption = None,
+    gym_actions: GymActions = None,
+    gym_render: GymRender = "text",
+    reward_scale: RewardScale = 1.0,
     json: Json = False,
 ) -> None:
     """Run router, environment, learner, scripted teacher and monitor; teach; print the measures."""
@@ -79,7 +93,8 @@ def demo(  # noqa: PLR0917 - one argument a flag
     waits = (
         WindowSpec(mode="until-answered", span_ms=2_000) if teachers else WindowSpec(mode="early", span_ms=1)
     )
-    config = session_config("demo", level, method, episodes, starts, seed, waits, len(teachers))
+    world = gym_world(gym, gym_option, gym_actions, gym_render, reward_scale)
+    config = session_config("demo", level, method, episodes, starts, seed, waits, len(teachers), world=world)
     pace = (VIEWER_PACE_MS if viewer else 0) if pace_ms is None else pace_ms
     deployed = launch.Deployed(data or _new_directory(), free_endpoint(), "demo")
     plan = _Plan(config, teachers, pace, viewer, Console(stderr=True), deployed)
@@ -159,7 +174,10 @@ def _teach(plan: _Plan, supervisor: Supervisor, bus: ZenohBus) -> tuple[SessionR
         bus.subscribe(keys.measures(config.session), receive)
         operator.create(config)
         for number, name in enumerate(plan.teachers):
-            flags = ("--persona", name, "--delay-ms", str(plan.pace_ms), "--seed", str(config.seed))
+            flags = (
+                *("--persona", name, "--delay-ms", str(plan.pace_ms), "--seed", str(config.seed)),
+                *(gym_flags(config.world) if isinstance(config.world, GymWorld) else ()),
+            )
             unique = name if plan.teachers.count(name) == 1 else f"{name}-{number + 1}"
             supervisor.start(launch.scripted_teacher(plan.deployed, config.session, unique, flags))
         return _await_end(plan, config, supervisor, operator, news)

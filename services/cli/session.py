@@ -9,9 +9,10 @@ from rich.console import Console
 
 from protocol.codec import DecodeError, decode, encode
 from protocol.keys import KeyNameError, Keys, checked
-from protocol.messages import CreateSession, WindowSpec, World
+from protocol.messages import CreateSession, GymWorld, WindowSpec, World
 from protocol.translate import config_of
 from services.cli.failure import NOT_SO, CommandError
+from services.cli.gym_options import Gym, GymActions, GymOption, GymRender, RewardScale, gym_world
 from services.cli.level_files import check_starts, find_level
 from services.cli.options import (
     CONNECT_TIMEOUT_MS,
@@ -59,6 +60,7 @@ def session_config(  # noqa: PLR0917 - one argument a flag
     window: WindowSpec,
     teachers_min: int,
     parameters: dict[str, Value] | None = None,
+    world: GymWorld | None = None,
 ) -> CreateSession:
     """Return a checked configuration; raise with one line and the mend when a value makes no sense."""
     try:
@@ -71,13 +73,9 @@ def session_config(  # noqa: PLR0917 - one argument a flag
     if not 0 <= seed <= SEED_MAX:
         message = f"seed {seed} is outside 0 to 2^53-1: choose another"
         raise CommandError(message)
-    StartsSpec.parse(starts)
-    title, found = find_level(level)
-    check_starts(title, found, starts, seed)
-    world = World(level=found.to_xsb(), level_name=title, starts=starts)
     config = CreateSession(
         session=name,
-        world=world,
+        world=world or _sokoban(level, starts, seed),
         method=method,
         parameters=parameters or {},
         episodes=episodes,
@@ -91,6 +89,13 @@ def session_config(  # noqa: PLR0917 - one argument a flag
     except DecodeError as error:
         message = f"the session cannot be created ({error}): change that value"
         raise CommandError(message) from None
+
+
+def _sokoban(level: str, starts: str, seed: int) -> World:
+    StartsSpec.parse(starts)
+    title, found = find_level(level)
+    check_starts(title, found, starts, seed)
+    return World(level=found.to_xsb(), level_name=title, starts=starts)
 
 
 def window_spec(mode: str, span_ms: int, quorum: int) -> WindowSpec:
@@ -132,14 +137,20 @@ def create(  # noqa: PLR0917 - one argument a flag
     quorum: Annotated[int, typer.Option(help="Answers that close the window; 0: everyone present.")] = 0,
     teachers_min: Annotated[int, typer.Option(help="Teachers who must join before the first decision.")] = 1,
     parameter: Parameter = None,
+    gym: Gym = None,
+    gym_option: GymOption = None,
+    gym_actions: GymActions = None,
+    gym_render: GymRender = "text",
+    reward_scale: RewardScale = 1.0,
     connect: Connect = ENDPOINT,
     deployment: Deployment = "local",
 ) -> None:
     """Create a session; it begins when enough teachers have joined."""
     window = window_spec(window_mode, window_ms, quorum)
     given = given_parameters(parameter)
-    config = session_config(name, level, method, episodes, starts, seed, window, teachers_min, given)
-    with operator(connect, deployment) as asked:
+    world = gym_world(gym, gym_option, gym_actions, gym_render, reward_scale)
+    config = session_config(name, level, method, episodes, starts, seed, window, teachers_min, given, world)
+    with operator(connect, deployment, access=access) as asked:
         asked.create(config)
     print(f"session {name} created: `sfid teach keyboard --session {name}` teaches it")
 

@@ -1,5 +1,6 @@
 """`sfid teach keyboard|scripted|crowd`: one teacher, or a simulated crowd of them."""
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -7,7 +8,9 @@ from typing import Annotated
 import typer
 
 from protocol.keys import KeyNameError, Keys, checked
+from protocol.messages import GymWorld
 from services.cli.failure import CommandError
+from services.cli.gym_options import Gym, GymActions, GymOption, gym_world
 from services.cli.options import (
     CONNECT_TIMEOUT_MS,
     ENDPOINT,
@@ -66,6 +69,9 @@ def scripted(  # noqa: PLR0917 - one argument a flag
     ] = None,
     delay_ms: Annotated[int, typer.Option(help="Thinking time before each answer, in ms.")] = 0,
     seed: Seed = 0,
+    gym: Gym = None,
+    gym_option: GymOption = None,
+    gym_actions: GymActions = None,
     token_file: TokenFile = None,
     connect: Connect = ENDPOINT,
     deployment: Deployment = "local",
@@ -77,6 +83,7 @@ def scripted(  # noqa: PLR0917 - one argument a flag
 
     keys = _names(session, name, deployment)
     faults = persona_named(persona, given_parameters(fault))
+    best = _best(gym_world(gym, gym_option, gym_actions, "text", 1.0))
     process = ServiceProcess(ProcessConfig(f"teacher-{name}", supervised_fd, verbose))
     config = ScriptedConfig(
         session=session, teacher=name, seed=seed, parameters=faults, delay_ms=delay_ms,
@@ -84,9 +91,24 @@ def scripted(  # noqa: PLR0917 - one argument a flag
     )  # fmt: skip
     bus = service_bus(connect, process.stop)
     try:
-        run(config, bus, process.ready, process.stop)
+        run(config, bus, process.ready, process.stop, best=best)
     finally:
         bus.close()
+
+
+def _best(world: GymWorld | None) -> Mapping[bytes, tuple[int, ...]] | None:
+    """Return what is best in each state of an environment that tells its transitions."""
+    if world is None:
+        return None
+    from services.gym.world import GymGround
+
+    best = GymGround(world, 0).optimal
+    if not best:
+        raise CommandError(
+            f"environment {world.environment} does not tell its transitions (env.unwrapped.P), "
+            "so no script can solve it: let people teach it"
+        )
+    return best
 
 
 @teach_app.command()

@@ -90,13 +90,11 @@ class GymGround:
         self.table: Transitions | None = table_of(first)
 
     @cached_property
-    def optimal(self) -> dict[bytes, tuple[str, ...]]:
-        """The names of the best actions by state key; empty for an environment without a transition table."""
+    def optimal(self) -> dict[bytes, tuple[int, ...]]:
+        """Indexes of the best actions by state key; empty for an environment without a transition table."""
         if self.table is None:
             return {}
-        best = optimal_actions(self.table.solve())
-        names = self.world.actions
-        return {state_key(s): tuple(names[action] for action in row) for s, row in enumerate(best)}
+        return {state_key(state): row for state, row in enumerate(optimal_actions(self.table.solve()))}
 
     @cached_property
     def distances(self) -> dict[bytes, int]:

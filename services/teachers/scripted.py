@@ -2,7 +2,7 @@
 
 import logging
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol
@@ -36,6 +36,10 @@ VIEWS_KEPT = 65_536
 """Views whose optimal actions are remembered: some 20 MB. A view is parsed once, then looked up."""
 _LISTEN_S = 0.2
 _DRAIN_S = 2.0
+
+
+Best = Mapping[bytes, tuple[int, ...]]
+"""Indexes of the optimal actions by state key."""
 
 
 class ScriptedError(TeachingError):
@@ -104,7 +108,8 @@ class Script:
     seen neither (joined in between) abstains once.
 
     Args: mind: what is thought of a state, a SimulatedTeacher of the configuration when None; optimal: names
-    of the optimal actions of a view, to be shared by many.
+    of the optimal actions of a view, to be shared by many; best: indexes of the optimal actions by state key,
+    in place of `optimal` for a world whose views do not tell its states.
     """
 
     def __init__(
@@ -114,7 +119,9 @@ class Script:
         *,
         mind: Mind | None = None,
         optimal: Callable[[str], tuple[str, ...]] | None = None,
+        best: Best | None = None,
     ) -> None:
+        self._best = best
         self._teacher: Mind = mind or SimulatedTeacher(
             config.seed, config.teacher, config.session, config.parameters
         )
@@ -162,14 +169,15 @@ class Script:
     def _said(self, decision: Decision) -> Said:
         number, names = decision.decision, decision.actions
         if decision.asked == "label":
-            label = self._teacher.label(number, decision.state, self._indexes(decision.view, names))
+            label = self._teacher.label(number, decision.state, self._indexes(decision, decision.view))
             return Said(decision, action=None if label is None else names[label])
         if decision.asked == "guidance":
-            chosen = self._teacher.guidance(number, decision.state, self._indexes(decision.view, names))
+            chosen = self._teacher.guidance(number, decision.state, self._indexes(decision, decision.view))
             return Said(decision, guidance=tuple(names[action] for action in chosen))
-        judges = decision.asked in {"reward", "mistake"}
-        if judges and decision.action and self._before and self._before[0] == number:
-            optimal = self._indexes(self._before[1], names)
+        seen = self._before[1] if self._before and self._before[0] == number else None
+        judges = decision.asked in {"reward", "mistake"} and (seen is not None or self._best is not None)
+        if judges and decision.action in names:
+            optimal = self._indexes(decision, seen or "")
             action = names.index(decision.action)
             if decision.asked == "mistake":
                 better = self._teacher.mark(number, decision.state, action, optimal)
@@ -177,8 +185,16 @@ class Script:
             return Said(decision, reward=self._teacher.reward(number, decision.state, action, optimal))
         return Said(decision)
 
-    def _indexes(self, view: str, names: tuple[str, ...]) -> tuple[int, ...]:
-        return tuple(names.index(name) for name in self._optimal(view))
+    def _indexes(self, decision: Decision, view: str) -> tuple[int, ...]:
+        """Return the optimal actions of the decision's state, which looks like `view`."""
+        if self._best is None:
+            return tuple(decision.actions.index(name) for name in self._optimal(view))
+        if decision.state not in self._best:
+            raise ScriptedError(
+                f"session {decision.session!r} is in a state that the teacher's environment does not have: "
+                "teach with the --gym and --gym-option that the session was created with"
+            )
+        return self._best[decision.state]
 
 
 class _Solver:
@@ -201,7 +217,7 @@ class _Solver:
             ) from None
         except LevelError as error:
             raise ScriptedError(
-                f"the view is no Sokoban ({error}); a scripted teacher knows no other world"
+                f"the view is no Sokoban ({error}); name the session's environment with --gym"
             ) from None
 
 
@@ -211,9 +227,11 @@ def run(
     ready: Callable[[], None],
     stop: threading.Event,
     clock: Clock | None = None,
+    best: Best | None = None,
 ) -> None:
     """Teach until the session is finished or `stop` is set; waits for a learner that is not there yet.
 
+    Args: best: the optimal actions of a world that is not Sokoban, see Script.
     Raises: ScriptedError when the level is beyond the solver or the learner does not let the teacher join.
     """
     clock = clock or SystemClock()
@@ -222,7 +240,7 @@ def run(
         bus, Keys(config.deployment), config.session, config.teacher,
         outbox=Outbox(), clock=clock, token=config.token, measures=False,
     )  # fmt: skip
-    script, troubles = Script(config, client.has_answered), _Troubles(config.session)
+    script, troubles = Script(config, client.has_answered, best=best), _Troubles(config.session)
     with client:
         ready()
         while not stop.is_set():

@@ -1,0 +1,75 @@
+"""The options that name a Gymnasium environment in place of a level."""
+
+from typing import Annotated, Any
+
+import typer
+
+from protocol.messages import GymWorld
+from services.cli.failure import CommandError
+
+Gym = Annotated[
+    str | None,
+    typer.Option(help="A discrete Gymnasium environment in place of a level, such as FrozenLake-v1."),
+]
+GymOption = Annotated[
+    list[str] | None,
+    typer.Option(help="What the environment is made with, NAME=VALUE (is_slippery=false); may be repeated."),
+]
+GymActions = Annotated[
+    str | None, typer.Option(help="Names of its actions by index, parted by commas, where they have none.")
+]
+GymRender = Annotated[str, typer.Option(help="What teachers see of it: text or picture.")]
+RewardScale = Annotated[float, typer.Option(help="What the environment's rewards are multiplied by.")]
+_WORDS: dict[str, Any] = {"true": True, "false": False, "none": None}
+
+
+def gym_world(
+    gym: str | None, options: list[str] | None, actions: str | None, render: str, reward_scale: float
+) -> GymWorld | None:
+    """Return the world that the options name, None without `--gym`.
+
+    Raises: CommandError, one line with the mend.
+    """
+    if gym is None:
+        if options or actions:
+            raise CommandError("--gym-option and --gym-actions speak of an environment: name it with --gym")
+        return None
+    if render not in {"text", "picture"}:
+        raise CommandError(f"--gym-render {render!r}: choose text or picture")
+    from services.gym.errors import GymError
+    from services.gym.world import described
+
+    named = () if actions is None else tuple(name.strip().upper() for name in actions.split(","))
+    try:
+        return described(gym, gym_options(options), render=render, actions=named, reward_scale=reward_scale)
+    except GymError as error:
+        raise CommandError(str(error)) from None
+
+
+def gym_options(written: list[str] | None) -> dict[str, bool | int | float | str | None]:
+    """Return what an environment is made with, from NAME=VALUE texts: true, false, none, numbers or words."""
+    given: dict[str, bool | int | float | str | None] = {}
+    for text in written or ():
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise CommandError(f"option {text!r} has no value: write NAME=VALUE, such as is_slippery=false")
+        given[name.strip()] = _value(value.strip())
+    return given
+
+
+def _value(text: str) -> bool | float | str | None:
+    if text.lower() in _WORDS:
+        word: bool | None = _WORDS[text.lower()]
+        return word
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
+
+
+def gym_flags(world: GymWorld) -> tuple[str, ...]:
+    """Return the flags that name the same world to another process."""
+    options = (flag for name, value in world.options.items() for flag in ("--gym-option", f"{name}={value}"))
+    return ("--gym", world.environment, *options, "--gym-actions", ",".join(world.actions))
