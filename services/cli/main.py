@@ -2,7 +2,7 @@
 
 import os
 import sys
-from typing import NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 from typer.exceptions import TyperException
@@ -32,6 +32,7 @@ from services.client import TeachingError
 from services.router import RouterError
 from services.runtime.bus import BusError
 from services.runtime.journal import JournalError
+from services.runtime.log_config import VARIABLE, LogFormat, choose
 from services.runtime.secret import SecretError
 from services.supervisor import SupervisorError
 from sfid_core.experiments.errors import ExperimentError
@@ -43,15 +44,28 @@ INTERRUPTED = 130
 
 app = typer.Typer(
     name="sfid",
-    help=(
-        "Teach a reinforcement-learning agent live: "
-        "say which action you would take, and agreement becomes its reward."
-    ),
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
+
+
+@app.callback()
+def common(
+    log_format: Annotated[
+        LogFormat | None,
+        typer.Option(envvar=VARIABLE, help="How services log, this one and those that it starts."),
+    ] = None,
+) -> None:
+    """Teach a reinforcement-learning agent live.
+
+    Say which action you would take, and agreement becomes its reward.
+    """
+    if log_format is not None:
+        choose(log_format)
+
+
 for group in (
     demo,
     up,

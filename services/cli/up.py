@@ -12,6 +12,7 @@ from services.cli import launch
 from services.cli.failure import CommandError
 from services.cli.waiting import stoppable
 from services.runtime.config import Config, ConfigError, read_config
+from services.runtime.log_config import configure
 
 log = logging.getLogger("sfid.up")
 CHECK_S = 0.2
@@ -53,7 +54,7 @@ def up(
     except OSError as error:
         message = f"{deployed.data}: {error.strerror or error}: name a --data directory that can be written"
         raise CommandError(message) from None
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)-7s up %(message)s")
+    configure("up")
     with suppress(KeyboardInterrupt), stoppable():  # being stopped is how it ends well
         _run(deployed, settings, viewer=viewer, gateway=gateway, crowd=crowd)
 

@@ -1,5 +1,6 @@
 """Answers on their way: stored before the first sending, sent again until acknowledged, then forgotten."""
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -12,6 +13,9 @@ from services.client.updates import AnswerState, AnswerUpdate
 from services.outbox import Outbox
 from services.runtime.bus import Reply
 from services.runtime.clock import Clock
+from services.runtime.log_config import about
+
+log = logging.getLogger("sfid.client")
 
 BACKOFF_MS_MIN, BACKOFF_MS_MAX = 100, 2000
 """The wait before a repetition is drawn between 0 and a bound that doubles from the first to the second."""
@@ -74,6 +78,8 @@ class Delivery:
     def send(self, answer_id: bytes, payload: bytes) -> None:
         """Keep an answer and send it. Raises OutboxError when it cannot be kept: then it is not sent."""
         self._outbox.store(answer_id, payload)
+        if log.isEnabledFor(logging.DEBUG):
+            log.debug("answer stored, sending it", extra=_about(payload))
         self._sending[answer_id] = sending = _Sending(answer_id, payload)
         self._send(sending)
 
@@ -139,6 +145,10 @@ class Delivery:
         acknowledgement: Acknowledgement | None = None,
     ) -> None:
         del self._sending[sending.answer_id]
+        if log.isEnabledFor(logging.DEBUG):
+            log.debug(
+                "answer %s after %d tries", state.value, sending.attempts, extra=_about(sending.payload)
+            )
         self._tell(AnswerUpdate(sending.answer_id, state, acknowledgement, sending.attempts, reason))
         self._outbox.delete(
             sending.answer_id
@@ -148,3 +158,11 @@ class Delivery:
         bound_ms = min(BACKOFF_MS_MAX, BACKOFF_MS_MIN << min(sending.attempts - 1, 10))
         sending.due_ns = self._clock.now_ns() + int(self._chance.random() * bound_ms * 1_000_000)
         self._tell(AnswerUpdate(sending.answer_id, AnswerState.RETRYING, None, sending.attempts, reason))
+
+
+def _about(payload: bytes) -> dict[str, dict[str, str | int]]:
+    """Return the ids of an answer for a line of the log."""
+    answer = decode(payload, Answer)
+    return about(
+        session=answer.session, decision=answer.decision, answer_id=answer.answer_id, teacher=answer.teacher
+    )

@@ -10,11 +10,11 @@ import logging
 import os
 import signal
 import socket
-import sys
 import threading
-import time
 from contextlib import suppress
 from dataclasses import dataclass
+
+from services.runtime.log_config import configure
 
 GC_THRESHOLD = (50_000, 20, 100)
 """Messages are freed by reference counts; the default of 700 scans the heap every few of them in vain."""
@@ -40,7 +40,7 @@ class ServiceProcess:
     def __init__(self, config: ProcessConfig) -> None:
         self.stop = threading.Event()
         self._line = None if config.supervised_fd is None else socket.socket(fileno=config.supervised_fd)
-        _log_to_stderr(config)
+        configure(config.role, verbose=config.verbose)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_signal)
         if self._line is not None:
@@ -77,15 +77,3 @@ class ServiceProcess:
             pass
         if not self.stop.is_set():
             self._begin_stop()
-
-
-def _log_to_stderr(config: ProcessConfig) -> None:
-    """Log one line an event: UTC time, level, role and process, text."""
-    handler = logging.StreamHandler(sys.stderr)
-    line = logging.Formatter(
-        f"%(asctime)s.%(msecs)03dZ %(levelname)-7s {config.role}[%(process)d] %(message)s",
-        "%Y-%m-%dT%H:%M:%S",
-    )
-    line.converter = time.gmtime
-    handler.setFormatter(line)
-    logging.basicConfig(handlers=[handler], level=logging.DEBUG if config.verbose else logging.INFO)
