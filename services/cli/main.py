@@ -11,6 +11,7 @@ from protocol.codec import DecodeError
 from protocol.keys import KeyNameError
 from services.cli import (
     aggregate,
+    backup,
     catalogue,
     crowd,
     demo,
@@ -75,6 +76,7 @@ for group in (
     teach,
     session,
     journal,
+    backup,
     forget,
     levels,
     catalogue,
