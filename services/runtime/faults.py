@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from random import Random
+from typing import NamedTuple
 
 MS = 1_000_000
 
@@ -26,9 +27,8 @@ class Faults:
 CALM = Faults()
 
 
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """One thing that happened on the hub, for observers."""
+class Seen(NamedTuple):
+    """One thing that happened on the hub, for observers; a named tuple, because there are very many."""
 
     at_ns: int
     what: str

@@ -5,8 +5,8 @@ change what happens to the others. Without faults it is a Bus like any other (te
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 from services.runtime.bus import CALLBACK_FAILED, BusError, Presence, Received, Reply, Request
 from services.runtime.callback_guard import CallbackGuard
@@ -99,8 +99,7 @@ class FaultyHub:
         receiver.heard()
 
 
-@dataclass(frozen=True, slots=True)
-class Parcel:
+class Parcel(NamedTuple):
     """Something on its way; `deliver` hands it to the receiver."""
 
     sender: "FaultyBus"

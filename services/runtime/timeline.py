@@ -35,7 +35,8 @@ class Timeline(ManualClock):
         if not self._appointments:
             return False
         at_ns, _, call = heapq.heappop(self._appointments)
-        self.advance(max(0, at_ns - self.now_ns()))
+        if at_ns > self._now_ns:
+            self.advance(at_ns - self._now_ns)
         self.happened += 1
         call()
         return True

@@ -21,6 +21,8 @@ class OperatorNode(Node):
         self._config = config
         self._wishes: deque[tuple[str, bytes]] = deque([(KEYS.learner("create"), encode(config))])
         self._asking = False
+        self._again_ns = 0
+        """When to ask again after a refusal; what comes in meanwhile does not hurry it."""
 
     def begin(self) -> None:
         """See Node."""
@@ -46,7 +48,7 @@ class OperatorNode(Node):
 
     def turn(self) -> None:
         """See Node."""
-        if self._wishes and not self._asking:
+        if self._wishes and not self._asking and self.timeline.now_ns() >= self._again_ns:
             self._asking = True
             key, payload = self._wishes[0]
             self.bus.ask(key, payload, self._on_reply, ASK_MS)
@@ -54,7 +56,8 @@ class OperatorNode(Node):
     def _on_reply(self, reply: Reply | None) -> None:
         self._asking = False
         if reply is None or not reply.ok:
-            self.timeline.call_in(RETRY_NS, self.wake)
+            self._again_ns = self.timeline.now_ns() + RETRY_NS
+            self.timeline.call_at(self._again_ns, self.wake)
             return
         key, _ = self._wishes.popleft()
         if key == KEYS.learner("show"):

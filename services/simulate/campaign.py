@@ -1,5 +1,6 @@
 """Many seeds, each run and judged; a lesson without faults is run once, and what is learnt must equal it."""
 
+import gc
 import logging
 import multiprocessing
 import os
@@ -82,7 +83,16 @@ def judge(seed: int, decisions: int = 0, *, trace: bool = False) -> Judged:
     """
     logging.getLogger("sfid").setLevel(logging.CRITICAL + 1)
     drawn = scenario(seed, decisions)
-    evidence = _played(drawn)
+    # A session's objects die with it; looking for garbage among them meanwhile costs a tenth of the time.
+    gc.disable()
+    try:
+        return _judged_scenario(drawn, decisions, trace=trace)
+    finally:
+        gc.enable()
+
+
+def _judged_scenario(drawn: Scenario, decisions: int, *, trace: bool) -> Judged:
+    seed, evidence = drawn.seed, _played(drawn)
     failures = [
         Failure(seed, rule, what, decisions)
         for rule, check in RULES.items()
@@ -144,9 +154,13 @@ def _digest(drawn: Scenario) -> str:
 
 
 def _compared(drawn: Scenario, evidence: Evidence, decisions: int) -> Iterator[tuple[str, str]]:
-    """R10, and the promise that faults do not change what is learnt where everybody is waited for."""
+    """R10, and the promise that faults do not change what is learnt where everybody is waited for.
+
+    A crowd is left out of R10: which of its workers answers before the quorum closes a round is a race of
+    microseconds, which a viewer may turn as everything else does.
+    """
     expected, watched = _undisturbed(lesson_of(drawn.seed), decisions)
-    if watched != expected:
+    if watched != expected and not drawn.lesson.crowd:
         yield "R10", f"without faults {expected[:12]} is learnt, with a viewer {watched[:12]}"
     if not drawn.lesson.exact or evidence.report is None or evidence.report.q_sha256 == expected:
         return

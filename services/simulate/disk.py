@@ -123,13 +123,36 @@ class Disk:
         return self._chance.randrange(size)
 
 
+class _SameThread(Syncer):
+    """Syncs in the thread that asks: simulated time has one thread."""
+
+    def __init__(self, fd: int) -> None:  # the thread of the other is what is left out
+        self._fd = fd
+
+    def start(self) -> None:
+        os.fdatasync(self._fd)
+
+    def wait(self) -> None:
+        """It is done already."""
+
+    def close(self) -> None:
+        """There is nothing to end."""
+
+
+class SimulatedMirror(Mirror):
+    """The mirror without a thread of its own."""
+
+    syncer_type = _SameThread
+
+
 class SimulatedShard(Shard):
     """The journal as it is, on a disk of the simulation."""
+
+    mirror_type = SimulatedMirror
 
     def __init__(self, directory: Path, lock: ShardLock, disk: Disk) -> None:
         super().__init__(directory, lock)
         self._disk = disk
-        self._sync_in_this_thread()
 
     def commit(self) -> None:
         """See Shard."""
@@ -167,14 +190,6 @@ class SimulatedShard(Shard):
             file.write(frame(b"".join(self._group.encoded)))
         self._suspect = True
 
-    def _reopen(self) -> None:
-        super()._reopen()
-        self._sync_in_this_thread()
-
-    def _sync_in_this_thread(self) -> None:
-        mirror, self._mirror = self._mirror, SimulatedMirror(self.directory, self._mirror.end)
-        mirror.close()
-
     def _die_between(self) -> None:
         """Commit, and let the next life find one of the two files as it was before, or in part."""
         directory, mirror = self.directory, self.directory / MIRROR_NAME
@@ -193,26 +208,3 @@ class SimulatedShard(Shard):
             with (after / MIRROR_NAME).open("r+b") as file:
                 file.truncate(begin + self._disk.torn(end - begin))
         raise PowerCut
-
-
-class SimulatedMirror(Mirror):
-    """The mirror, synced in the thread that asks: simulated time has one thread."""
-
-    def __init__(self, directory: Path, end: int) -> None:
-        super().__init__(directory, end)
-        self._syncer.close()
-        self._syncer = _SameThread(self._fd)
-
-
-class _SameThread(Syncer):
-    def __init__(self, fd: int) -> None:  # the thread of the other is what is left out
-        self._fd = fd
-
-    def start(self) -> None:
-        os.fdatasync(self._fd)
-
-    def wait(self) -> None:
-        """It is done already."""
-
-    def close(self) -> None:
-        """There is nothing to end."""

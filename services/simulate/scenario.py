@@ -22,6 +22,10 @@ LEVELS = (
 )
 STEPS_AN_EPISODE = 3
 """On the average they are more (3.9 in the shortest lesson seen): a long lesson is as long as asked."""
+SHORT_DECISIONS = 30
+"""The decisions of a short lesson among which its trials are drawn."""
+TRIALS_MIN, DECISIONS_A_TRIAL = 20, 10
+"""A long lesson meets so many trials, beside what becomes of its messages and its disk."""
 MS = 1_000_000
 
 
@@ -143,15 +147,20 @@ def scenario(seed: int, decisions: int = 0) -> Scenario:
         delay_ms=chance.choice((0.2, 3.0, 30.0)),
         presence_ms=chance.choice((2.0, 300.0)),
     )
-    disk = DiskFaults(fails=chance.choice((0.0, 0.05)), cut=chance.choice((0.0, 0.0, 0.04)))
-    last = max(30, decisions)
-    trials = tuple(_trial(chance, taught, last) for _ in range(chance.randint(2, 8) * last // 30))
-    return Scenario(seed, taught, faults, disk, _one_leaver(trials))
+    last = max(SHORT_DECISIONS, decisions)
+    rarer = SHORT_DECISIONS / last  # a disk fails about as often in a long lesson as in a short one
+    disk = DiskFaults(fails=rarer * chance.choice((0.0, 0.05)), cut=rarer * chance.choice((0.0, 0.0, 0.04)))
+    trials = chance.randint(2, 8) if not decisions else max(TRIALS_MIN, decisions // DECISIONS_A_TRIAL)
+    drawn = tuple(_trial(chance, taught, last) for _ in range(trials))
+    return Scenario(seed, taught, faults, disk, _one_leaver(drawn, killed=bool(decisions)))
 
 
-def _one_leaver(trials: tuple[Trial, ...]) -> tuple[Trial, ...]:
-    leaves = [trial for trial in trials if trial.what is What.LEAVE]
-    return tuple(trial for trial in trials if trial.what is not What.LEAVE or trial is leaves[0])
+def _one_leaver(trials: tuple[Trial, ...], *, killed: bool) -> tuple[Trial, ...]:
+    """Let one teacher leave at most; the others stay untouched, or are `killed` and come back."""
+    leaves = [trial for trial in trials if trial.what is What.LEAVE][1:]
+    if killed:
+        return tuple(replace(one, what=What.KILL_TEACHER) if one in leaves else one for one in trials)
+    return tuple(one for one in trials if one not in leaves)
 
 
 def _trial(chance: Random, taught: Lesson, last: int) -> Trial:

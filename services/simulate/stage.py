@@ -125,13 +125,15 @@ class Stage:
         return self._ended()
 
     def _until(self, reached: Callable[[], bool], span_ns: int) -> None:
-        end_ns = self.timeline.now_ns() + span_ns
-        while not reached() and self.timeline.now_ns() < end_ns:
-            if self.timeline.happened > self._appointments_max or not self.timeline.step():
+        timeline, learner, aggregator = self.timeline, self.learner, self.aggregator
+        end_ns = timeline.now_ns() + span_ns
+        while not reached() and timeline.now_ns() < end_ns:
+            if timeline.happened > self._appointments_max or not timeline.step():
                 return
-            for node in (self.learner, self.aggregator):
-                if node is not None and not node.alive:
-                    self._restart_soon(node)
+            if not learner.alive:
+                self._restart_soon(learner)
+            if aggregator is not None and not aggregator.alive:
+                self._restart_soon(aggregator)
 
     def _settled(self) -> bool:
         return self._finished and all(

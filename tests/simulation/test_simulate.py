@@ -128,3 +128,14 @@ def test_the_model_learns_a_case_computed_by_hand() -> None:
     again.learn(b"b" * 16, "LEFT", -0.5, 0.0, None)
     again.learn(b"a" * 16, "UP", 2.0, 0.0, None)
     assert table.sha256() == again.sha256()
+
+
+def test_an_operator_who_is_refused_waits_and_a_disk_that_fails_is_outlived() -> None:
+    """Two seeds whose operator once asked again at once, until the run was cut off as endless."""
+    assert [judge(seed).failures for seed in (21_080, 21_882)] == [(), ()]
+
+
+def test_a_long_lesson_meets_at_least_twenty_trials_and_one_teacher_leaves_at_most() -> None:
+    drawn = [scenario(seed, 200) for seed in range(100)]
+    assert {len(one.trials) for one in drawn} == {20}
+    assert {sum(trial.what is What.LEAVE for trial in one.trials) for one in drawn} == {0, 1}

@@ -30,7 +30,10 @@ class Mirror:
     Attributes:
         end: the offset after the last frame that counts.
         in_doubt: whether a sync was begun and has not succeeded: what stands behind `end` is then unknown.
+        syncer_type: who syncs it, beside the thread that asks.
     """
+
+    syncer_type: type[Syncer] = Syncer
 
     def __init__(self, directory: Path, end: int) -> None:
         """Open the existing log in `directory`, whose last whole frame ends at `end`."""
@@ -40,7 +43,7 @@ class Mirror:
         self._written = end
         with translated(self.path):
             self._fd = os.open(self.path, os.O_WRONLY | os.O_CLOEXEC)
-        self._syncer = Syncer(self._fd)
+        self._syncer = self.syncer_type(self._fd)
 
     def write(self, group: bytes) -> None:
         """Write one frame around `group` behind `end`, not yet synced."""

@@ -28,8 +28,12 @@ class Opened(NamedTuple):
     notes: tuple[str, ...]
 
 
-def open_files(directory: Path) -> Opened:
+def open_files(directory: Path, mirror_type: type[Mirror] = Mirror) -> Opened:
     """Create, repair or simply open the files of a shard whose lock is held.
+
+    Args:
+        directory: the shard.
+        mirror_type: what writes the mirror.
 
     Raises:
         JournalNewer, JournalDamaged, JournalFull, JournalError: as for `Shard.open`.
@@ -47,7 +51,7 @@ def open_files(directory: Path) -> Opened:
             store.advance(head.epoch, found.ahead[-1])
             store.commit(found.ahead)
             notes = (*notes, f"{store.path}: {len(found.ahead)} rows completed from the mirror")
-        mirror, mended = _opened_mirror(directory, found)
+        mirror, mended = _opened_mirror(directory, found, mirror_type)
         try:
             write_epoch(directory, head.epoch)
         except BaseException:
@@ -59,10 +63,12 @@ def open_files(directory: Path) -> Opened:
     return Opened(store, mirror, head._replace(seq=found.seq, chain=found.chain), (*notes, *mended))
 
 
-def _opened_mirror(directory: Path, found: Audit) -> tuple[Mirror, tuple[str, ...]]:
+def _opened_mirror(
+    directory: Path, found: Audit, mirror_type: type[Mirror]
+) -> tuple[Mirror, tuple[str, ...]]:
     """Return the mirror, cut behind its last whole frame and completed from SQLite, and what was mended."""
     notes: tuple[str, ...] = ()
-    mirror = Mirror(directory, found.mirror_end)
+    mirror = mirror_type(directory, found.mirror_end)
     try:
         mirror.cut()
         if found.torn_bytes:

@@ -27,7 +27,7 @@ from services.runtime.journal.errors import (
 )
 from services.runtime.journal.group import Group
 from services.runtime.journal.lock import ShardLock
-from services.runtime.journal.mirror import MIRROR_NAME
+from services.runtime.journal.mirror import MIRROR_NAME, Mirror
 from services.runtime.journal.opening import open_files
 
 # Half of what a frame may hold, so that the row which crosses the line still fits.
@@ -54,7 +54,10 @@ class Shard:
         epoch: this writer's number; every later owner has a higher one.
         syncs: how many syncs commits have asked the disk for, two a commit.
         notes: what opening had to mend, one line each.
+        mirror_type: what writes the mirror.
     """
+
+    mirror_type: type[Mirror] = Mirror
 
     def __init__(self, directory: Path, lock: ShardLock) -> None:
         """Take over the files in `directory` under its `lock`; callers use `Shard.open`."""
@@ -64,7 +67,7 @@ class Shard:
         self._closed = False
         self._suspect = False
         self._missed: tuple[str, bytes] | None = None
-        self._store, self._mirror, self._head, self.notes = open_files(directory)
+        self._store, self._mirror, self._head, self.notes = open_files(directory, self.mirror_type)
         self.epoch = self._head.epoch
         self._group = Group(self._head.seq, self._head.chain)
         self._amendments = self._read_amendments()
@@ -228,7 +231,7 @@ class Shard:
         self._mirror.close()
         self._lock.check()
         # Opening finds the marker and writes both files anew.
-        self._store, self._mirror, self._head, notes = open_files(self.directory)
+        self._store, self._mirror, self._head, notes = open_files(self.directory, self.mirror_type)
         self.epoch = self._head.epoch
         self.notes = (*self.notes, *notes)
         self._group.restart(self._head.seq, self._head.chain)
@@ -283,7 +286,7 @@ class Shard:
         # What the failed group left in the mirror was perhaps never synced; it is written again.
         with translated(path):
             os.truncate(path, self._mirror.end)
-        self._store, self._mirror, head, notes = open_files(self.directory)
+        self._store, self._mirror, head, notes = open_files(self.directory, self.mirror_type)
         # A page whose sync failed may be only in memory though it reads well; this writes every one again.
         self._store.checkpoint()
         written = head.seq - before.seq
