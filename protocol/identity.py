@@ -10,6 +10,7 @@ import hmac
 import re
 from collections.abc import Container, Sequence
 from enum import Enum
+from functools import lru_cache
 from typing import Annotated, Literal
 
 import msgspec
@@ -97,9 +98,32 @@ def verify(token: str, secrets: Sequence[bytes], now_s: float, revoked: Containe
     identity = _read(_signed_body(token, secrets))
     if now_s >= identity.expires_s:
         raise TokenError(TokenFault.EXPIRED)
-    if identity.token_id in revoked or (identity.invitation and identity.invitation in revoked):
+    if is_revoked(identity, secrets, revoked):
         raise TokenError(TokenFault.REVOKED)
     return identity
+
+
+def is_revoked(identity: Identity, secrets: Sequence[bytes], revoked: Container[str]) -> bool:
+    """Tell whether a token, the invitation it was given for, or its bearer is among the revoked."""
+    if identity.token_id in revoked or (identity.invitation and identity.invitation in revoked):
+        return True
+    marks = (
+        withdrawal_mark(identity.pseudonym, session, tuple(secrets)) for session in ("", identity.session)
+    )
+    return bool(identity.pseudonym) and any(mark in revoked for several in marks for mark in several)
+
+
+@lru_cache(8192)  # whoever teaches brings the same token with every answer
+def withdrawal_mark(pseudonym: str, session: str, secrets: tuple[bytes, ...]) -> tuple[str, ...]:
+    """Return what stands in a list of revoked ids for a person who has withdrawn, by secret.
+
+    It has the form of a token's id and does not give the pseudonym away to who has not the secret, so that a
+    person can be forgotten and their tokens stay worthless. The oldest secret's mark is the one to note.
+
+    Args: session: only from this one; empty for all.
+    """
+    said = f"withdrawn {session}/{pseudonym}".encode()
+    return tuple(hmac.digest(secret, said, "sha256")[:8].hex() for secret in secrets)
 
 
 def is_token_id(text: str) -> bool:

@@ -66,6 +66,8 @@ def _tell(one: Forgetting, *, dry_run: bool) -> None:
         f"{one.person}: {verb} {one.answers} answers; {one.rows} rows in all, "
         f"{one.crowd_rows} of them in crowds, {one.study_rows} in studies"
     )
+    if one.revoked:
+        print("  their tokens are worth nothing from now on")
     for name, kept in one.sessions.items():
         print(f"  {name}: q_sha256 {kept.q_sha256_before} becomes {kept.q_sha256}")
     for path in one.loose.recordings:
@@ -90,6 +92,7 @@ def _row(one: Forgetting) -> dict[str, Any]:
         ],
         "recordings": [str(path) for path in one.loose.recordings],
         "recordings_removed": one.loose.removed,
+        "tokens_revoked": one.revoked,
         "rewritten": [str(path) for path in one.loose.rewritten],
         "left": [str(path) for path in one.loose.left],
     }  # fmt: skip

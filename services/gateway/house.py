@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from protocol.identity import Identity, Role, TokenError, TokenFault, verify
+from protocol.identity import Identity, Role, TokenError, TokenFault, is_revoked, verify
 from protocol.keys import Keys
 from services.gateway.config import Limits
 from services.gateway.frames import Hello, written
@@ -179,8 +179,7 @@ class House:
         self._tell_of_ends()
 
     def _fault(self, identity: Identity, now_s: float) -> TokenFault | None:
-        revoked = self._register.revoked
-        if identity.token_id in revoked or identity.invitation in revoked:
+        if is_revoked(identity, self._secrets, self._register.revoked):
             return TokenFault.REVOKED
         return TokenFault.EXPIRED if now_s >= identity.expires_s else None
 

@@ -10,6 +10,7 @@ from protocol.crowd_forget import corrected_answers, forget_in_crowd
 from protocol.forgetting import Corrections, Forgotten, forget_in_session, is_alone_in
 from protocol.journal import Record
 from services.operations.loose_files import Loose, loose_files
+from services.operations.withdrawal import revoke_person
 from services.runtime.clock import Clock
 from services.runtime.journal import Shard, shard_directories
 
@@ -28,6 +29,8 @@ class Forgetting:
     rows: int = 0
     """All rows that lose their bytes."""
     loose: Loose = field(default_factory=Loose)
+    revoked: bool = False
+    """Whether tokens of the person, which the deployment may have given out, are worthless from now on."""
 
     @property
     def answers(self) -> int:
@@ -57,9 +60,13 @@ def forget(
         dry_run: change nothing.
         recordings: also remove the recordings of the sessions.
 
-    Raises: JournalLocked while a service owns a journal; JournalError; DecodeError.
+    Raises: JournalLocked while a service owns a journal (tokens are then revoked all the same); JournalError;
+    SecretError; DecodeError.
     """
     found = Forgetting(person)
+    if not dry_run:
+        # First of all, and before anything can fail: a withdrawal takes effect at once.
+        found.revoked = revoke_person(data, person, session)
     with ExitStack() as stack:
         learner = [stack.enter_context(opened) for opened in _shards(data)]
         crowds = [stack.enter_context(one) for path in sorted(data.glob("crowd-*")) for one in _shards(path)]

@@ -40,6 +40,7 @@ class Register:
     def __init__(self, folder: Path) -> None:
         self._path = folder / NAME
         self._offset = 0
+        self._inode = 0
         self._people: dict[str, dict[str, str]] = {}
         self.revoked: set[str] = set()
         self.unreadable = 0
@@ -49,6 +50,9 @@ class Register:
         """Read what was added since; tell whether there was anything."""
         try:
             with self._path.open("rb") as file:
+                inode = os.fstat(file.fileno()).st_ino
+                if inode != self._inode:  # somebody was forgotten: the file was written anew without them
+                    self._inode, self._offset, self._people = inode, 0, {}
                 file.seek(self._offset)
                 added = file.read()
         except FileNotFoundError:
