@@ -89,8 +89,8 @@ def best(m: Memory, state: int) -> float:
     at = state * m.width
     values = m.values
     largest = values[at]
-    for action in range(1, m.actions):
-        value = values[at + action]
+    for place in range(at + 1, at + m.actions):
+        value = values[place]
         if value > largest:  # noqa: PLR1730 - max() costs a call
             largest = value
     return largest
@@ -191,10 +191,12 @@ def one_step(m: Memory, alpha: float, gamma: float, t: Transition, h: float) -> 
 
     Source: Watkins & Dayan 1992; Raza, Johnston & Williams 2016, Eq. 2 and 4.
     """
-    at = t.state * m.width
+    values, width = m.values, m.width
+    at = t.state * width
+    place = at + t.action
     ahead = 0.0 if t.terminal else best(m, t.next_state)
-    environment = t.reward + gamma * ahead - m.values[at + t.action]
+    environment = t.reward + gamma * ahead - values[place]
     shaped = environment + h
-    m.values[at + t.action] += alpha * shaped
-    m.values[at + m.width - 1] += 1.0
+    values[place] += alpha * shaped
+    values[at + width - 1] += 1.0
     return Learned(environment, shaped, h)
