@@ -19,9 +19,9 @@ from protocol.messages import (
     Wire,
 )
 from services.runtime.bus import Bus, Reply
+from services.topology import OPERATOR
 
 M = TypeVar("M", bound=Wire)
-OPERATOR = "operator"
 TIMEOUT_MS = 2_000
 RETRY_S = 0.1
 

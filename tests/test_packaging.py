@@ -198,15 +198,18 @@ def test_only_pages_are_reachable_and_from_this_machine_only() -> None:
     assert outside == {"monitor", "gateway"}
 
 
-def test_only_the_learner_holds_the_journal() -> None:
-    mounts = {
-        name: service["volumes"] for name, service in compose()["services"].items() if "volumes" in service
-    }
-    assert mounts == {
-        "learner": ["journal:/data"],
-        "monitor": ["recordings:/data"],
-        "gateway": ["page:/data"],
-        "aggregator": ["crowd:/data"],
+def test_only_the_learner_holds_the_journal_and_only_the_router_makes_logins() -> None:
+    services = compose()["services"]
+    logins = "access:/access:ro"
+    assert {name: service["volumes"] for name, service in services.items()} == {
+        "router": ["access:/access"],
+        "environment": [logins],
+        "learner": [logins, "journal:/data"],
+        "monitor": [logins, "recordings:/data"],
+        "gateway": [logins, "page:/data"],
+        "aggregator": [logins, "crowd:/data"],
+        "session": [logins],
+        "teacher": [logins],
     }
 
 
@@ -226,7 +229,7 @@ def test_every_container_runs_a_command_that_there_is_with_options_that_it_has()
 def test_every_service_of_the_topology_has_its_container() -> None:
     """Those who talk on the bus by themselves; people, operators and studies come and go."""
     verbs = {service["command"][0] for service in compose()["services"].values()}
-    running = {role.value for role in Role} - {Role.OPERATOR.value, Role.STUDY.value}
+    running = {role.value for role in Role} - {Role.OPERATOR.value, Role.STUDY.value, Role.WORKER.value}
     spelt = {Role.AGGREGATOR.value: "aggregate", Role.TEACHER.value: "teach"}
     assert {spelt.get(role, role) for role in running} <= verbs
 

@@ -12,6 +12,7 @@ from protocol.who_said import Saying, said_to_a_crowd, said_to_a_learner
 from services.cli.failure import NOT_SO, CommandError
 from services.cli.options import (
     ENDPOINT,
+    Access,
     Connect,
     Deployment,
     Json,
@@ -24,6 +25,7 @@ from services.cli.options import (
 from services.cli.waiting import service_bus
 from services.runtime.journal import read_rows
 from services.runtime.process import ProcessConfig, ServiceProcess
+from services.topology import Role
 from sfid_core.crowd.round import RoundSettings
 from sfid_core.crowd.settings import CrowdMethod, CrowdSettings, crowd_method
 
@@ -87,6 +89,7 @@ def aggregate(  # noqa: PLR0917 - one argument a flag
     seed: Seed = 0,
     require_tokens: RequireTokens = False,
     connect: Connect = ENDPOINT,
+    access: Access = None,
     deployment: Deployment = "local",
     verbose: Verbose = False,
     supervised_fd: SupervisedFd = None,
@@ -106,7 +109,7 @@ def aggregate(  # noqa: PLR0917 - one argument a flag
         weighing, solver=solver, gold_share=gold_share, seed=seed, require_tokens=require_tokens,
     )  # fmt: skip
     process = ServiceProcess(ProcessConfig(f"aggregator-{name}", supervised_fd, verbose))
-    bus = service_bus(connect, process.stop)
+    bus = service_bus(connect, process.stop, Role.AGGREGATOR, access)
     try:
         run(config, bus, SystemClock(), process.ready, process.stop)
     finally:

@@ -35,8 +35,9 @@ from services.cli.waiting import stoppable
 from services.operator import Operator, OperatorError
 from services.router import free_endpoint
 from services.runtime.bus import Received
-from services.runtime.zenoh_bus import ZenohBus, open_bus
+from services.runtime.zenoh_bus import ZenohBus
 from services.supervisor import Supervisor
+from services.topology import Role
 from sfid_core.teaching.personas import PERSONAS
 
 VIEWER_PACE_MS = 30
@@ -146,7 +147,7 @@ def _run(plan: _Plan) -> tuple[SessionReport, list[Episode], list[tuple[str, int
             services.append(launch.monitor(plan.deployed, viewer=True, ports=(0, 0, 0)))
         details = supervisor.start(*services)
         _say_where(plan, details.get("monitor", ""))
-        bus = open_bus(plan.deployed.endpoint, CONNECT_TIMEOUT_MS)
+        bus = launch.bus(plan.deployed, Role.OPERATOR)
         report, rows = _teach(plan, supervisor, bus)
         return report, rows, supervisor.processes()
     finally:

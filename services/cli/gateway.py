@@ -10,8 +10,19 @@ import typer
 
 from protocol.keys import checked
 from services.cli.failure import CommandError
-from services.cli.options import ENDPOINT, Connect, Data, Deployment, Json, SupervisedFd, Verbose, print_json
+from services.cli.options import (
+    ENDPOINT,
+    Access,
+    Connect,
+    Data,
+    Deployment,
+    Json,
+    SupervisedFd,
+    Verbose,
+    print_json,
+)
 from services.cli.waiting import service_bus
+from services.topology import Role as BusRole
 
 DATA = Path("sfid-data/up")
 HOUR_S = 3600
@@ -25,6 +36,7 @@ def add_to(app: typer.Typer) -> None:
 
 def gateway(  # noqa: PLR0917 - one argument a flag
     connect: Connect = ENDPOINT,
+    access: Access = None,
     deployment: Deployment = "local",
     data: Data = DATA,
     listen: Annotated[
@@ -66,7 +78,7 @@ def gateway(  # noqa: PLR0917 - one argument a flag
     try:
         place_of(config)  # what cannot be is said before a router is waited for
         process = ServiceProcess(ProcessConfig("gateway", supervised_fd, verbose))
-        bus = service_bus(connect, process.stop)
+        bus = service_bus(connect, process.stop, BusRole.GATEWAY, access)
         try:
             run(config, bus, process.ready, process.stop)
         finally:

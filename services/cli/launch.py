@@ -3,8 +3,13 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from services.cli.options import CONNECT_TIMEOUT_MS
+from services.cli.waiting import connected_bus
+from services.runtime.access import FOLDER
 from services.runtime.config import AggregatorSection, GatewaySection
+from services.runtime.zenoh_bus import ZenohBus
 from services.supervisor import Service, Supervisor, write_processes
+from services.topology import CROWD, Role
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,6 +20,15 @@ class Deployed:
     endpoint: str
     deployment: str
     require_tokens: bool = False
+    access: Path | None = None
+    """Directory of the logins; None: `access` in the data directory."""
+    guarded: bool = True
+    """Whether the router asks for logins, and lets each role do what it is for."""
+
+    @property
+    def logins(self) -> Path:
+        """Directory of the logins."""
+        return self.access or self.data / FOLDER
 
     @property
     def at_the_door(self) -> tuple[str, ...]:
@@ -24,12 +38,13 @@ class Deployed:
     @property
     def common(self) -> tuple[str, ...]:
         """Flags of every client of the router."""
-        return ("--connect", self.endpoint, "--deployment", self.deployment)
+        common = ("--connect", self.endpoint, "--deployment", self.deployment)
+        return (*common, "--access", str(self.logins)) if self.guarded else common
 
     @property
     def of_the_crowd(self) -> "Deployed":
         """The same for members of the crowd, who meet the aggregator instead of the learner."""
-        return replace(self, deployment=f"{self.deployment}-crowd")
+        return replace(self, deployment=f"{self.deployment}{CROWD}")
 
 
 def make_directories(data: Path) -> Path:
@@ -46,7 +61,14 @@ def supervise(data: Path, logs: Path | None) -> Supervisor:
 
 def router(deployed: Deployed) -> Service:
     """Return the router."""
-    return Service("router", ("router", "--listen", deployed.endpoint))
+    arguments = ("router", "--listen", deployed.endpoint, "--deployment", deployed.deployment)
+    guard = ("--access", str(deployed.logins)) if deployed.guarded else ("--open-to-all",)
+    return Service("router", (*arguments, *guard))
+
+
+def bus(deployed: Deployed, role: Role, timeout_ms: int = CONNECT_TIMEOUT_MS) -> ZenohBus:
+    """Return this process's own bus, as one of that role."""
+    return connected_bus(deployed.endpoint, role, deployed.logins if deployed.guarded else None, timeout_ms)
 
 
 def environment(deployed: Deployed) -> Service:

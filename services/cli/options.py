@@ -13,6 +13,13 @@ from sfid_core.learning.methods import METHODS
 from sfid_core.learning.parameters import Value
 
 Connect = Annotated[str, typer.Option(help="Endpoint of the router, tcp/HOST:PORT.", show_default=True)]
+Access = Annotated[
+    Path | None,
+    typer.Option(
+        envvar="SFID_ACCESS",
+        help="Directory with this role's login; default: what a router of yours on this machine has told.",
+    ),
+]
 Deployment = Annotated[str, typer.Option(help="Name of the deployment; two on one router never meet.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout (logs go to stderr).")]
 RequireTokens = Annotated[

@@ -9,14 +9,17 @@ import typer
 from protocol.keys import checked
 from services.cli.options import (
     ENDPOINT,
+    Access,
     Connect,
     Deployment,
     RequireTokens,
     SupervisedFd,
     Verbose,
+    print_json,
 )
 from services.cli.waiting import service_bus
 from services.runtime.process import ProcessConfig, ServiceProcess
+from services.topology import Role
 
 WATCHING_YIELDS = 10
 """Niceness of the monitor: where processors are few, teaching goes first."""
@@ -31,23 +34,51 @@ def add_to(app: typer.Typer) -> None:
 
 
 def router(
-    listen: Annotated[str, typer.Option(help="Endpoint to listen at, tcp/HOST:PORT.")] = ENDPOINT,
-    insecure_bind: Annotated[
+    listen: Annotated[
+        str,
+        typer.Option(help="Endpoint to listen at, tcp/HOST:PORT, or tls/HOST:PORT where others reach it."),
+    ] = ENDPOINT,
+    access: Annotated[
+        Path | None,
+        typer.Option(
+            envvar="SFID_ACCESS",
+            help="Directory of the logins of all roles, made where there are none; default: one for you.",
+        ),
+    ] = None,
+    deployment: Annotated[
+        list[str] | None,
+        typer.Option(help="Deployment that it serves, with its crowd; may be repeated; default: local."),
+    ] = None,
+    config: Annotated[
         bool,
-        typer.Option(help="Listen where other machines reach it, although nobody is asked for a password."),
+        typer.Option("--config", help="Start nothing: print the router's configuration, its rules with it."),
+    ] = False,
+    insecure_bind: Annotated[
+        bool, typer.Option(help="Listen where other machines reach it, although nothing is encrypted.")
+    ] = False,
+    open_to_all: Annotated[
+        bool, typer.Option(help="Ask nobody for a login, and let everybody do anything.")
     ] = False,
     verbose: Verbose = False,
     supervised_fd: SupervisedFd = None,
 ) -> None:
-    """Run the router that all other processes connect to."""
-    from services.router import RouterConfig, run
+    """Run the router that all other processes connect to, and that lets each do what its role is for."""
+    from services.router import RouterConfig, run, written_config
+    from services.runtime.access import state_folder
 
+    names = tuple(checked(name, "deployment") for name in deployment or ("local",))
+    folder = None if open_to_all else access or state_folder() / "access"
+    settings = RouterConfig(listen, insecure_bind, access=folder, deployments=names)
+    if config:
+        print_json(written_config(settings))
+        return
     process = ServiceProcess(ProcessConfig("router", supervised_fd, verbose))
-    run(RouterConfig(listen, insecure_bind), lambda: process.ready(listen), process.stop)
+    run(settings, lambda: process.ready(listen), process.stop)
 
 
 def environment(
     connect: Connect = ENDPOINT,
+    access: Access = None,
     deployment: Deployment = "local",
     verbose: Verbose = False,
     supervised_fd: SupervisedFd = None,
@@ -57,7 +88,7 @@ def environment(
 
     checked(deployment, "deployment")
     process = ServiceProcess(ProcessConfig("environment", supervised_fd, verbose))
-    bus = service_bus(connect, process.stop)
+    bus = service_bus(connect, process.stop, Role.ENVIRONMENT, access)
     try:
         run(EnvironmentConfig(deployment), bus, process.ready, process.stop)
     finally:
@@ -67,6 +98,7 @@ def environment(
 def learner(
     data: Annotated[Path, typer.Option(help="Directory of the journal; one learner at a time.")],
     connect: Connect = ENDPOINT,
+    access: Access = None,
     deployment: Deployment = "local",
     shard: Annotated[int, typer.Option(help="Shard of the data directory, 0 or more.")] = 0,
     require_tokens: RequireTokens = False,
@@ -81,7 +113,7 @@ def learner(
     checked(deployment, "deployment")
     config = LearnerConfig(data, deployment, shard, require_tokens=require_tokens)
     process = ServiceProcess(ProcessConfig("learner", supervised_fd, verbose))
-    bus = service_bus(connect, process.stop)
+    bus = service_bus(connect, process.stop, Role.LEARNER, access)
     try:
         run(config, bus, SystemClock(), process.ready, process.stop)
     finally:
@@ -91,6 +123,7 @@ def learner(
 def monitor(  # noqa: PLR0917 - one argument a flag
     recordings: Annotated[Path, typer.Option(help="Directory for the .rrd recordings.")],
     connect: Connect = ENDPOINT,
+    access: Access = None,
     deployment: Deployment = "local",
     scene_port: Annotated[
         int, typer.Option(help="Port of the picture's stream; 0 takes a free one.")
@@ -110,7 +143,7 @@ def monitor(  # noqa: PLR0917 - one argument a flag
     checked(deployment, "deployment")
     os.nice(WATCHING_YIELDS)
     process = ServiceProcess(ProcessConfig("monitor", supervised_fd, verbose))
-    bus = service_bus(connect, process.stop)
+    bus = service_bus(connect, process.stop, Role.MONITOR, access)
     config = MonitorConfig(
         recording_dir=recordings,
         deployment=deployment,

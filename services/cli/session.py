@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -17,6 +18,7 @@ from services.cli.level_files import check_starts, find_level
 from services.cli.options import (
     CONNECT_TIMEOUT_MS,
     ENDPOINT,
+    Access,
     Connect,
     Deployment,
     Episodes,
@@ -30,9 +32,10 @@ from services.cli.options import (
     print_json,
 )
 from services.cli.tables import labels_line, print_episodes, report_document
+from services.cli.waiting import connected_bus
 from services.cli.warnings import warn
 from services.operator import Operator, OperatorError
-from services.runtime.zenoh_bus import open_bus
+from services.topology import Role
 from sfid_core.learning.methods import METHODS
 from sfid_core.learning.parameters import Value
 from sfid_core.session.config import WindowMode
@@ -108,14 +111,16 @@ def window_spec(mode: str, span_ms: int, quorum: int) -> WindowSpec:
 
 
 @contextmanager
-def operator(connect: str, deployment: str, session: str = "any") -> Iterator[Operator]:
+def operator(
+    connect: str, deployment: str, session: str = "any", access: Path | None = None
+) -> Iterator[Operator]:
     """Yield an operator of the deployment, for a session of that name; its refusals become one line."""
     try:
         checked(session, "session")
         keys = Keys(deployment)
     except KeyNameError as error:
         raise CommandError(str(error)) from None
-    bus = open_bus(connect, CONNECT_TIMEOUT_MS)
+    bus = connected_bus(connect, Role.OPERATOR, access, CONNECT_TIMEOUT_MS)
     try:
         yield Operator(bus, keys)
     except OperatorError as error:
@@ -143,6 +148,7 @@ def create(  # noqa: PLR0917 - one argument a flag
     gym_render: GymRender = "text",
     reward_scale: RewardScale = 1.0,
     connect: Connect = ENDPOINT,
+    access: Access = None,
     deployment: Deployment = "local",
 ) -> None:
     """Create a session; it begins when enough teachers have joined."""
@@ -156,9 +162,11 @@ def create(  # noqa: PLR0917 - one argument a flag
 
 
 @session_app.command("list")
-def list_sessions(connect: Connect = ENDPOINT, deployment: Deployment = "local", json: Json = False) -> None:
+def list_sessions(
+    connect: Connect = ENDPOINT, access: Access = None, deployment: Deployment = "local", json: Json = False
+) -> None:
     """List the sessions of the learner."""
-    with operator(connect, deployment) as asked:
+    with operator(connect, deployment, access=access) as asked:
         sessions = asked.sessions().sessions
     if json:
         print_json([
@@ -179,10 +187,14 @@ def list_sessions(connect: Connect = ENDPOINT, deployment: Deployment = "local",
 
 @session_app.command()
 def show(
-    name: SessionName, connect: Connect = ENDPOINT, deployment: Deployment = "local", json: Json = False
+    name: SessionName,
+    connect: Connect = ENDPOINT,
+    access: Access = None,
+    deployment: Deployment = "local",
+    json: Json = False,
 ) -> None:
     """Show a session's measures."""
-    with operator(connect, deployment, name) as asked:
+    with operator(connect, deployment, name, access) as asked:
         report, episodes = asked.show(name)
     if json:
         document = report_document(report, episodes)
@@ -196,25 +208,31 @@ def show(
     print(f"phase {report.summary.phase}, epoch {report.epoch}, q_sha256 {report.q_sha256}")
 
 
-def _control(verb: str, name: str, connect: str, deployment: str) -> None:
-    with operator(connect, deployment, name) as asked:
+def _control(verb: str, name: str, connect: str, deployment: str, access: Path | None) -> None:
+    with operator(connect, deployment, name, access) as asked:
         asked.control(name, verb)
     print(f"session {name}: {verb} is done and journaled")
 
 
 @session_app.command()
-def pause(name: SessionName, connect: Connect = ENDPOINT, deployment: Deployment = "local") -> None:
+def pause(
+    name: SessionName, connect: Connect = ENDPOINT, access: Access = None, deployment: Deployment = "local"
+) -> None:
     """Hold the count-down and the next decision."""
-    _control("pause", name, connect, deployment)
+    _control("pause", name, connect, deployment, access)
 
 
 @session_app.command()
-def resume(name: SessionName, connect: Connect = ENDPOINT, deployment: Deployment = "local") -> None:
+def resume(
+    name: SessionName, connect: Connect = ENDPOINT, access: Access = None, deployment: Deployment = "local"
+) -> None:
     """Go on from a pause."""
-    _control("resume", name, connect, deployment)
+    _control("resume", name, connect, deployment, access)
 
 
 @session_app.command()
-def stop(name: SessionName, connect: Connect = ENDPOINT, deployment: Deployment = "local") -> None:
+def stop(
+    name: SessionName, connect: Connect = ENDPOINT, access: Access = None, deployment: Deployment = "local"
+) -> None:
     """End a session where it is; what was learnt is kept."""
-    _control("stop", name, connect, deployment)
+    _control("stop", name, connect, deployment, access)

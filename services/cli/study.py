@@ -11,11 +11,21 @@ import typer
 from services.cli import launch
 from services.cli.failure import NOT_SO, CommandError
 from services.cli.level_files import check_starts, find_level
-from services.cli.options import ENDPOINT, Connect, Deployment, Json, SupervisedFd, Verbose, print_json
+from services.cli.options import (
+    ENDPOINT,
+    Access,
+    Connect,
+    Deployment,
+    Json,
+    SupervisedFd,
+    Verbose,
+    print_json,
+)
 from services.cli.waiting import service_bus, stoppable
 from services.router import free_endpoint
 from services.study.definition_file import StudyFile, read_study, template
 from services.supervisor import Service
+from services.topology import Role
 from sfid_core.sokoban.levels import parse_levels
 from sfid_core.study.errors import StudyError
 
@@ -112,6 +122,7 @@ def _run(
 def serve(
     file: File,
     connect: Connect = ENDPOINT,
+    access: Access = None,
     deployment: Deployment = DEPLOYMENT,
     data: Data = None,
     listen: Annotated[str | None, typer.Option(help="HOST:PORT of the page; overrides the file.")] = None,
@@ -146,7 +157,7 @@ def serve(
         place_of(config)  # what cannot be is said before a router is waited for
         process = ServiceProcess(ProcessConfig("gateway", supervised_fd, verbose))
         book = Book.open(found.study, config.data_dir, SystemClock())
-        bus = service_bus(connect, process.stop)
+        bus = service_bus(connect, process.stop, Role.STUDY, access)
         sessions = Sessions(Operator(bus, Keys(deployment), patience_s=1.0))
         try:
             run_gateway(config, bus, process.ready, process.stop, StudyFlow(book, sessions))

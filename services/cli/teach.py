@@ -14,6 +14,7 @@ from services.cli.gym_options import Gym, GymActions, GymOption, gym_world
 from services.cli.options import (
     CONNECT_TIMEOUT_MS,
     ENDPOINT,
+    Access,
     Connect,
     Deployment,
     Json,
@@ -23,8 +24,9 @@ from services.cli.options import (
     given_parameters,
     print_json,
 )
-from services.cli.waiting import service_bus
+from services.cli.waiting import connected_bus, service_bus
 from services.runtime.process import ProcessConfig, ServiceProcess
+from services.topology import teaching_role
 from sfid_core.teaching.personas import PERSONAS, persona_named
 
 teach_app = typer.Typer(
@@ -74,6 +76,7 @@ def scripted(  # noqa: PLR0917 - one argument a flag
     gym_actions: GymActions = None,
     token_file: TokenFile = None,
     connect: Connect = ENDPOINT,
+    access: Access = None,
     deployment: Deployment = "local",
     verbose: Verbose = False,
     supervised_fd: SupervisedFd = None,
@@ -89,7 +92,7 @@ def scripted(  # noqa: PLR0917 - one argument a flag
         session=session, teacher=name, seed=seed, parameters=faults, delay_ms=delay_ms,
         deployment=keys.deployment, token=_token(token_file),
     )  # fmt: skip
-    bus = service_bus(connect, process.stop)
+    bus = service_bus(connect, process.stop, teaching_role(deployment), access)
     try:
         run(config, bus, process.ready, process.stop, best=best)
     finally:
@@ -116,6 +119,7 @@ def keyboard(
     session: SessionOption,
     name: NameOption = "me",
     connect: Connect = ENDPOINT,
+    access: Access = None,
     deployment: Deployment = "local",
     outbox: Annotated[
         Path | None, typer.Option(help="File that keeps unsent answers; one per teacher by default.")
@@ -123,11 +127,10 @@ def keyboard(
     token_file: TokenFile = None,
 ) -> None:
     """Teach with the keyboard, in this terminal."""
-    from services.runtime.zenoh_bus import open_bus
     from services.teachers.keyboard import KeyboardConfig, run
 
     keys, token = _names(session, name, deployment), _token(token_file)
-    bus = open_bus(connect, CONNECT_TIMEOUT_MS)
+    bus = connected_bus(connect, teaching_role(deployment), access, CONNECT_TIMEOUT_MS)
     try:
         config = KeyboardConfig(
             session=session, teacher=name, deployment=keys.deployment, outbox=outbox, token=token
@@ -160,6 +163,7 @@ def crowd(  # noqa: PLR0917 - one argument a flag
     away_ms: Annotated[int, typer.Option(help="How long one who left stays away, in ms; 0: for good.")] = 0,
     seed: Seed = 0,
     connect: Connect = ENDPOINT,
+    access: Access = None,
     deployment: Annotated[
         str, typer.Option(help="Deployment of the crowd: the aggregator's, not the learner's.")
     ] = "local-crowd",
@@ -180,7 +184,7 @@ def crowd(  # noqa: PLR0917 - one argument a flag
         raise CommandError(message)
     config = CrowdConfig(session, specs, seed, delay_ms, dropout_rate, away_ms, keys.deployment)
     process = ServiceProcess(ProcessConfig(f"crowd-{name}", supervised_fd, verbose))
-    bus = service_bus(connect, process.stop)
+    bus = service_bus(connect, process.stop, teaching_role(deployment), access)
     try:
         results = run(config, bus, process.ready, process.stop)
     finally:

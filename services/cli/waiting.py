@@ -5,35 +5,49 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import typer
 
 from services.cli.failure import OK
 from services.cli.options import SERVICE_CONNECT_TIMEOUT_MS
+from services.runtime.access import CleartextError, access_for
 from services.runtime.bus import Bus, BusError
+from services.runtime.secret import SecretError
+from services.runtime.zenoh_bus import ZenohBus, open_bus
 from services.runtime.zenoh_config import split_endpoint
+from services.topology import Role
 
 SLICE_MS = 500
 """How soon a stop is noticed while the router is not there."""
 
 
-def service_bus(endpoint: str, stop: threading.Event) -> Bus:
-    """Return a bus connected to the router at `endpoint`; leave with exit code 0 when told to stop before.
+def connected_bus(endpoint: str, role: Role, access: Path | None, timeout_ms: int) -> ZenohBus:
+    """Return a bus connected as `role` to the router at `endpoint`, which is tried for `timeout_ms`.
 
-    Raises: BusError when the endpoint is malformed, or no router came within SERVICE_CONNECT_TIMEOUT_MS.
+    Args: access: directory of the login; None: where a router of this person on this machine has told.
+    Raises: BusError, SecretError.
     """
-    from services.runtime.zenoh_bus import open_bus
+    return open_bus(endpoint, timeout_ms, access=access_for(endpoint, role.value, access))
 
+
+def service_bus(endpoint: str, stop: threading.Event, role: Role, access: Path | None) -> Bus:
+    """Return a bus connected as `role`; leave with exit code 0 when told to stop before.
+
+    Raises: as `connected_bus`, when no router, or no login, came within SERVICE_CONNECT_TIMEOUT_MS.
+    """
     split_endpoint(endpoint)
     until = time.monotonic() + SERVICE_CONNECT_TIMEOUT_MS / 1000
     while True:
         try:
-            return open_bus(endpoint, SLICE_MS)
-        except BusError:
+            return connected_bus(endpoint, role, access, SLICE_MS)
+        except (BusError, SecretError) as error:
             if stop.is_set():
                 raise typer.Exit(OK) from None
-            if time.monotonic() >= until:
+            if time.monotonic() >= until or isinstance(error, CleartextError):
                 raise
+            # A router that starts side by side makes the logins; no bus has waited for it then.
+            stop.wait(0.0 if isinstance(error, BusError) else SLICE_MS / 1000)
 
 
 @contextmanager

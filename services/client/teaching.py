@@ -9,8 +9,10 @@ from protocol.messages import Decision
 from services.client.client import Client
 from services.client.updates import Opened, Refused
 from services.outbox import Outbox
+from services.runtime.access import access_for
 from services.runtime.clock import SystemClock
 from services.runtime.zenoh_bus import open_bus
+from services.topology import teaching_role
 
 CONNECT_MS = 5000
 DRAIN_S = 2.0
@@ -73,15 +75,18 @@ def join(
     outbox: Path | None = None,
     deployment: str = "local",
     connect_ms: int = CONNECT_MS,
+    access: Path | None = None,
 ) -> Iterator[Teaching]:
     """Teach a session over the router at `endpoint`; the end waits up to 2 s for the last acknowledgements.
 
     Args: outbox: a file that keeps answers until they are acknowledged, in memory when None; connect_ms: how
-    long to try for a router.
-    Raises: BusError when no router answers, KeyNameError for a bad name, OutboxError.
+    long to try for a router; access: directory of the login; None: where a router on this machine has told.
+    Raises: BusError when no router answers, SecretError for a missing login, KeyNameError for a bad name,
+    OutboxError.
     """
     with Outbox(outbox) as kept:
-        bus = open_bus(endpoint, connect_ms)
+        login = access_for(endpoint, teaching_role(deployment).value, access)
+        bus = open_bus(endpoint, connect_ms, access=login)
         try:
             with Client(
                 bus, Keys(deployment), session, teacher, outbox=kept, clock=SystemClock(), token=token

@@ -25,7 +25,7 @@ def load_secrets(folder: Path) -> list[bytes]:
     path = folder / NAME
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _make(path)
+        written_once(path, secrets.token_hex(SECRET_BYTES_MIN).encode() + b"\n")
         mode = path.stat().st_mode
         lines = path.read_text("ascii").split()
         found = [bytes.fromhex(line) for line in lines]
@@ -44,14 +44,17 @@ def load_secrets(folder: Path) -> list[bytes]:
     return found
 
 
-def _make(path: Path) -> None:
-    """Write a new secret whole or not at all; one who comes second uses the first one's."""
+def written_once(path: Path, content: bytes) -> None:
+    """Write a file that its owner alone can read, whole or not at all; whoever comes second uses the first.
+
+    Raises: OSError.
+    """
     if path.exists():
         return
-    part = path.with_name(f"{NAME}.{os.getpid()}.part")
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
     handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     try:
-        os.write(handle, secrets.token_hex(SECRET_BYTES_MIN).encode() + b"\n")
+        os.write(handle, content)
         os.fsync(handle)
     finally:
         os.close(handle)

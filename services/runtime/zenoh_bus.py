@@ -2,6 +2,7 @@
 
 import atexit
 import json
+import socket
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -11,6 +12,7 @@ from typing import Any, TypeVar
 import zenoh
 from zenoh.handlers import Callback
 
+from services.runtime.access import Access, Guard
 from services.runtime.bus import CALLBACK_FAILED, BusError, Presence, Received, Reply, Request
 from services.runtime.callback_guard import CallbackGuard
 from services.runtime.key_expression import checked_key, checked_key_expression, matches
@@ -21,6 +23,7 @@ __all__ = ["ZenohBus", "ZenohRouter", "client_config", "open_bus", "router_confi
 # What Zenoh itself puts into the error reply of a query whose time is up.
 _TIMEOUT = b"Timeout"
 _RETRY_S = 0.1
+_KNOCK_S = 0.2
 D = TypeVar("D")
 T = TypeVar("T")
 
@@ -28,7 +31,7 @@ T = TypeVar("T")
 class ZenohBus:
     """A Bus (see bus.py) over one client session; opens it at once, BusError when no router answers."""
 
-    def __init__(self, endpoint: str, limits: LinkLimits | None = None) -> None:
+    def __init__(self, endpoint: str, limits: LinkLimits | None = None, access: Access | None = None) -> None:
         self._guard = CallbackGuard()
         self._lock = threading.RLock()
         self._closed = False
@@ -38,7 +41,7 @@ class ZenohBus:
         self._declared: list[object] = []
         self._served: list[str] = []
         self._serves = lru_cache(4096)(self._is_served)
-        self._session = _open_session(client_config(endpoint, limits), _no_router(endpoint))
+        self._session = _open_session(client_config(endpoint, limits, access), lambda: _no_router(endpoint))
         # Without this a session left open at interpreter exit could call into a Python that is gone.
         atexit.register(self.close)
         self._declared.append(
@@ -253,8 +256,10 @@ class _Ask:
 class ZenohRouter:
     """A router session that listens at one endpoint; BusError with `refusal` when it cannot."""
 
-    def __init__(self, listen: str, refusal: str, limits: LinkLimits | None = None) -> None:
-        self._session = _open_session(router_config(listen, limits), refusal)
+    def __init__(
+        self, listen: str, refusal: str, limits: LinkLimits | None = None, guard: Guard | None = None
+    ) -> None:
+        self._session = _open_session(router_config(listen, limits, guard), lambda: refusal)
         atexit.register(self.close)
 
     def close(self) -> None:
@@ -263,8 +268,10 @@ class ZenohRouter:
         self._session.close()
 
 
-def open_bus(endpoint: str, timeout_ms: int, limits: LinkLimits | None = None) -> ZenohBus:
-    """Return a bus that is connected to the router at `endpoint`.
+def open_bus(
+    endpoint: str, timeout_ms: int, limits: LinkLimits | None = None, access: Access | None = None
+) -> ZenohBus:
+    """Return a bus that is connected to the router at `endpoint`, as whom `access` says.
 
     Tries for `timeout_ms` (0: once), then raises BusError. Ctrl-C interrupts the waiting.
     """
@@ -272,7 +279,7 @@ def open_bus(endpoint: str, timeout_ms: int, limits: LinkLimits | None = None) -
     deadline_s = time.monotonic() + timeout_ms / 1000
     while True:
         try:
-            return ZenohBus(endpoint, limits)
+            return ZenohBus(endpoint, limits, access)
         except BusError:
             remaining_s = deadline_s - time.monotonic()
             if remaining_s <= 0:
@@ -281,14 +288,19 @@ def open_bus(endpoint: str, timeout_ms: int, limits: LinkLimits | None = None) -
 
 
 def _no_router(endpoint: str) -> str:
-    return f"no router at {endpoint}: start one with `sfid router` or pass --connect"
+    _, host, port = split_endpoint(endpoint)
+    try:
+        socket.create_connection((host, port), _KNOCK_S).close()
+    except OSError:
+        return f"no router at {endpoint}: start one with `sfid router` or pass --connect"
+    return f"no router at {endpoint} lets this program in: it hangs, or asks for another login: pass --access"
 
 
-def _open_session(config: Mapping[str, Any], refusal: str) -> zenoh.Session:
+def _open_session(config: Mapping[str, Any], refusal: Callable[[], str]) -> zenoh.Session:
     try:
         return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
     except zenoh.ZError as error:
-        raise BusError(refusal) from error
+        raise BusError(refusal()) from error
 
 
 def _direct(callback: Callable[[T], None]) -> "Callback[T]":

@@ -1,15 +1,19 @@
 """Zenoh configurations as plain data: one for a client, one for the router, and the limits of both."""
 
-import ipaddress
 from dataclasses import dataclass
 from typing import Any, Final
 
-from services.runtime.bus import BusError
+from services.runtime.access import Access, Certificates, Guard
+from services.runtime.endpoint import DEFAULT_ENDPOINT, PROTOCOLS, is_loopback, split_endpoint
 
-DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
-"""Where the router listens and everybody else connects, unless told otherwise."""
-
-_PROTOCOLS = ("tcp", "tls")
+__all__ = [
+    "DEFAULT_ENDPOINT",
+    "LinkLimits",
+    "client_config",
+    "is_loopback",
+    "router_config",
+    "split_endpoint",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,14 +42,23 @@ class LinkLimits:
     """Most clients of one router; 2000 have been measured at 65-100 kB of memory each."""
 
 
-def client_config(endpoint: str, limits: LinkLimits | None = None) -> dict[str, Any]:
+def client_config(
+    endpoint: str, limits: LinkLimits | None = None, access: Access | None = None
+) -> dict[str, Any]:
     """Return the configuration of a client of the router at `endpoint`.
 
     A client opens no listening socket, finds nobody by multicast or gossip, and shares no memory: what passes
     between two processes passes the router, and so its access control.
+
+    Args: access: who this client is; None for a router that asks nobody.
     """
     limits = limits or LinkLimits()
     split_endpoint(endpoint)
+    transport = _transport(limits)
+    if access is not None:
+        transport["auth"] = {"usrpwd": {"user": access.user, "password": access.password}}
+        if access.certificates is not None:
+            transport["link"]["tls"] = _tls(access.certificates, "connect")
     return {
         "mode": "client",
         "connect": {
@@ -59,21 +72,34 @@ def client_config(endpoint: str, limits: LinkLimits | None = None) -> dict[str, 
             },
         },
         "scouting": _NO_SCOUTING,
-        "transport": _transport(limits),
+        "transport": transport,
     }
 
 
-def router_config(listen: str, limits: LinkLimits | None = None) -> dict[str, Any]:
-    """Return the configuration of a router that listens at `listen` only."""
+def router_config(
+    listen: str, limits: LinkLimits | None = None, guard: Guard | None = None
+) -> dict[str, Any]:
+    """Return the configuration of a router that listens at `listen` only.
+
+    Args: guard: whom it lets in, to do what; None: everybody, everything.
+    """
     limits = limits or LinkLimits()
     split_endpoint(listen)
+    transport = _transport(limits)
+    guarded: dict[str, Any] = {}
+    if guard is not None:
+        transport["auth"] = {"usrpwd": {"dictionary_file": str(guard.users)}}
+        guarded = {"access_control": guard.rules}
+        if guard.certificates is not None:
+            transport["link"]["tls"] = _tls(guard.certificates, "listen")
     return {
         "mode": "router",
         "listen": {"endpoints": [listen], "timeout_ms": 0, "exit_on_failure": True},
         "connect": {"endpoints": []},
         "scouting": _NO_SCOUTING,
         "adminspace": {"enabled": False},
-        "transport": _transport(limits),
+        "transport": transport,
+        **guarded,
         "low_pass_filter": [
             {
                 "id": "message_bytes_max",
@@ -86,31 +112,19 @@ def router_config(listen: str, limits: LinkLimits | None = None) -> dict[str, An
     }
 
 
-def split_endpoint(endpoint: str) -> tuple[str, str, int]:
-    """Return protocol, host and port of `tcp/HOST:PORT`; BusError when it is not of that form."""
-    protocol, slash, address = endpoint.partition("/")
-    host, colon, port = address.rpartition(":")
-    if slash and colon and host and protocol in _PROTOCOLS and port.isascii() and port.isdigit():
-        number = int(port)
-        if 0 < number < 65536:
-            return protocol, host.removeprefix("[").removesuffix("]"), number
-    message = f"endpoint {endpoint!r} is not of the form tcp/HOST:PORT, as in {DEFAULT_ENDPOINT}"
-    raise BusError(message)
-
-
-def is_loopback(endpoint: str) -> bool:
-    """Whether only this machine can reach `endpoint`; a host name but localhost counts as reachable."""
-    _, host, _ = split_endpoint(endpoint)
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
 # delay: a router waits 500 ms for scouting answers at its start, which never come when nobody is asked.
 _NO_SCOUTING: Final = {"multicast": {"enabled": False}, "gossip": {"enabled": False}, "delay": 0}
+
+
+def _tls(files: Certificates, side: str) -> dict[str, Any]:
+    """Return the part for TLS in which both ends show a certificate of the same authority."""
+    return {
+        "root_ca_certificate": str(files.authority),
+        f"{side}_certificate": str(files.certificate),
+        f"{side}_private_key": str(files.key),
+        "enable_mtls": True,
+        "verify_name_on_connect": True,
+    }
 
 
 def _transport(limits: LinkLimits) -> dict[str, Any]:
@@ -123,7 +137,7 @@ def _transport(limits: LinkLimits) -> dict[str, Any]:
             "accept_timeout": limits.open_timeout_ms,
         },
         "link": {
-            "protocols": list(_PROTOCOLS),
+            "protocols": list(PROTOCOLS),
             "tx": {"lease": limits.lease_ms},
             # Room for the key and the headers around the largest payload, so that the payload limit is exact.
             "rx": {"max_message_size": limits.message_bytes_max + 4096},

@@ -130,7 +130,7 @@ def hours(count: float) -> dict[str, object]:
     with tempfile.TemporaryDirectory(prefix="sfid-bench-") as name, ExitStack() as stack:
         endpoint = free_endpoint()
         router = subprocess.Popen(
-            [sys.executable, "-m", "services.cli.main", "router", "--listen", endpoint],
+            [sys.executable, "-m", "services.cli.main", "router", "--listen", endpoint, "--open-to-all"],
             stdout=subprocess.DEVNULL,
         )
         stack.callback(router.wait)

@@ -16,7 +16,8 @@ from protocol.messages import CreateSession, WindowSpec, World
 from services.cli import launch
 from services.operator import Operator
 from services.router import free_endpoint
-from services.runtime.zenoh_bus import ZenohBus, open_bus
+from services.runtime.zenoh_bus import ZenohBus
+from services.topology import Role
 from sfid_core.sokoban.levels import packaged
 
 HERE = Path(__file__).parent
@@ -35,14 +36,17 @@ class Rig:
 
 @contextmanager
 def services() -> Iterator[Rig]:
-    """Yield real services in processes of their own, with a fresh data directory."""
+    """Yield real services in processes of their own, with a fresh data directory.
+
+    The router asks nobody who they are, because bare peers beside the services use keys of their own.
+    """
     with tempfile.TemporaryDirectory(prefix="sfid-bench-") as name, ExitStack() as stack:
-        deployed = launch.Deployed(Path(name), free_endpoint(), "bench")
+        deployed = launch.Deployed(Path(name), free_endpoint(), "bench", guarded=False)
         supervisor = launch.supervise(deployed.data, launch.make_directories(deployed.data))
         stack.callback(supervisor.stop)
         supervisor.start(launch.router(deployed))
         supervisor.start(launch.environment(deployed), launch.learner(deployed))
-        bus = open_bus(deployed.endpoint, 5_000)
+        bus = launch.bus(deployed, Role.OPERATOR)
         stack.callback(bus.close)
         keys = Keys(deployed.deployment)
         yield Rig(deployed.endpoint, deployed.data, bus, keys, Operator(bus, keys))

@@ -21,7 +21,7 @@ from services.runtime.bus import Bus
 from services.runtime.config import GatewaySection
 from services.runtime.register import Register, new_token_id
 from services.runtime.secret import load_secrets
-from services.runtime.zenoh_bus import open_bus
+from services.topology import Role as BusRole
 from sfid_core.sokoban.levels import packaged
 
 UNTIL_ANSWERED = WindowSpec(mode="until-answered", span_ms=1000)
@@ -84,7 +84,7 @@ def lesson(data: Path) -> Iterator[Lesson]:
         supervisor.start(launch.router(deployed))
         gateway = launch.gateway(deployed, GatewaySection(enabled=True, listen=free_endpoint()[4:]))
         supervisor.start(launch.environment(deployed), launch.learner(deployed), gateway)
-        bus = open_bus(deployed.endpoint, 5000)
+        bus = launch.bus(deployed, BusRole.OPERATOR)
         stack.callback(bus.close)
         url = str(read_status(data)["url"])
         yield Lesson(data, deployed.endpoint, url, bus, Operator(bus, Keys("local")))

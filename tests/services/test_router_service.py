@@ -55,8 +55,9 @@ def test_an_endpoint_open_to_the_network_is_refused_and_the_flag_is_named(listen
     with pytest.raises(RouterError) as caught:
         run(RouterConfig(listen), never_ready, threading.Event())
     assert str(caught.value) == (
-        f"{listen} can be reached from other machines and asks nobody for a password: listen at "
-        "tcp/127.0.0.1:7447, or, trusting everybody there, run `sfid router --insecure-bind`"
+        f"{listen} can be reached from other machines and nothing there is encrypted: listen at "
+        "tcp/127.0.0.1:7447 or at tls/HOST:PORT (SECURITY.md), or, trusting everybody there, run "
+        "`sfid router --insecure-bind`"
     )
 
 

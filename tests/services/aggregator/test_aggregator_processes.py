@@ -22,6 +22,7 @@ from services.gateway.config import GatewayConfig
 from services.gateway.service import read_status
 from services.outbox import Outbox
 from services.router import free_endpoint
+from services.runtime.access import access_for
 from services.runtime.clock import SystemClock
 from services.runtime.journal import read_rows, verify
 from services.runtime.register import new_token_id
@@ -43,7 +44,7 @@ class Terminal(threading.Thread):
         self.finished = False
 
     def run(self) -> None:
-        bus = open_bus(self.endpoint, 5_000)
+        bus = open_bus(self.endpoint, 5_000, access=access_for(self.endpoint, "worker", None))
         keys = Keys("local-crowd")
         with Client(bus, keys, "s1", self.name, outbox=Outbox(), clock=SystemClock()) as client:
             while not self.finished:

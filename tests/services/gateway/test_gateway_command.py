@@ -149,7 +149,7 @@ def test_with_a_certificate_the_page_is_served_encrypted_and_says_so(tmp_path: P
     request += ["-days", "1", "-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1"]
     request += ["-out", str(certificate), "-keyout", str(key)]
     subprocess.run(request, check=True, capture_output=True)
-    deployed = launch.Deployed(tmp_path, router_of(data), "local")
+    deployed = launch.Deployed(tmp_path, router_of(data), "local", access=data / "access")
     supervisor = launch.supervise(tmp_path, launch.make_directories(tmp_path))
     section = GatewaySection(enabled=True, listen="127.0.0.1:0", tls_cert=str(certificate), tls_key=str(key))
     try:

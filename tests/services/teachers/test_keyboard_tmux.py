@@ -16,7 +16,7 @@ from services.cli import launch
 from services.operator import Operator
 from services.replay import replay_directory
 from services.router import free_endpoint
-from services.runtime.zenoh_bus import open_bus
+from services.topology import Role
 from sfid_core.sokoban.actions import Action
 from sfid_core.sokoban.levels import packaged, parse_levels
 from sfid_core.sokoban.solver import solve
@@ -90,7 +90,7 @@ def test_a_person_teaches_a_whole_episode_with_the_keyboard(
 ) -> None:
     level = packaged("room")[0]
     solution = solve(level)
-    bus = open_bus(deployed.endpoint, 5_000)
+    bus = launch.bus(deployed, Role.OPERATOR)
     operator = Operator(bus, Keys(deployed.deployment))
     window = WindowSpec(mode="until-answered", span_ms=2_000)
     world = World(level=level.to_xsb(), level_name="room", starts="within:2")
