@@ -27,8 +27,12 @@ def forget(
         bool, typer.Option("--study", help="Everybody who had their answers deleted in a study.")
     ] = False,
     recordings: Annotated[
-        bool, typer.Option("--recordings", help="Also remove the .rrd files of their sessions.")
-    ] = False,
+        bool,
+        typer.Option(
+            "--recordings/--keep-recordings",
+            help="Also remove recordings of their sessions and exports with them: both can be made again.",
+        ),
+    ] = True,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only tell what would be erased.")] = False,
     json: Json = False,
 ) -> None:
@@ -71,7 +75,7 @@ def _tell(one: Forgetting, *, dry_run: bool) -> None:
     for name, kept in one.sessions.items():
         print(f"  {name}: q_sha256 {kept.q_sha256_before} becomes {kept.q_sha256}")
     for path in one.loose.recordings:
-        print(f"  {'removed' if one.loose.removed else 'still shows them, remove it (--recordings)'}: {path}")
+        print(f"  {'removed' if one.loose.removed else 'still shows them, remove it'}: {path}")
     for path in one.loose.left:
         print(f"  still names them, look at it: {path}")
 

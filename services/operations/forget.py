@@ -58,7 +58,7 @@ def forget(
         clock: dates the rows that say what is read instead.
         session: only in this one; then files that do not belong to a session stay.
         dry_run: change nothing.
-        recordings: also remove the recordings of the sessions.
+        recordings: also remove recordings of the sessions, and exports that may name the person.
 
     Raises: JournalLocked while a service owns a journal (tokens are then revoked all the same); JournalError;
     SecretError; DecodeError.

@@ -13,6 +13,10 @@ from services.runtime.register import NAME as REGISTER
 
 PEOPLE = "people.json"
 NAMELESS = b"erased"
+_TABLES = frozenset({".csv", ".parquet", ".hdf5", ".lurd", ".tsv", ".jsonl"})
+"""Of exports that name a person, each is made again from the journal by its command."""
+_CLOSED = frozenset({".parquet", ".hdf5", ".gz", ".zip"})
+"""Compressed: whether they name somebody cannot be seen, so they are taken to."""
 
 
 @dataclass(slots=True)
@@ -20,9 +24,9 @@ class Loose:
     """What was found beside the journals."""
 
     recordings: list[Path] = field(default_factory=list)
-    """Recordings of sessions in which the person taught."""
+    """Recordings of sessions in which the person taught; exports that name them or cannot be looked into."""
     removed: bool = False
-    """Whether they are gone."""
+    """Whether they are gone: all of them can be made again from the journal."""
     rewritten: list[Path] = field(default_factory=list)
     """Logs and lists of people (of a study, of who took up an invitation) that no longer name the person."""
     left: list[Path] = field(default_factory=list)
@@ -51,12 +55,22 @@ def loose_files(
                     found.recordings.append(path)
                     if found.removed:
                         path.unlink()
+            elif everywhere and _is_export(path, named):
+                found.recordings.append(path)
+                if found.removed:
+                    path.unlink()
             elif everywhere and not path.parent.name.startswith("shard-"):
                 _other(path, person, named, found, dry_run=dry_run)
     except OSError as error:
         message = f"{error.filename}: {error.strerror}; mend it and say it again"
         raise JournalError(message) from error
     return found
+
+
+def _is_export(path: Path, named: re.Pattern[bytes]) -> bool:
+    if path.name == REGISTER or path.suffix not in _TABLES | _CLOSED:
+        return False
+    return path.suffix in _CLOSED or named.search(path.name.encode() + b"\n" + path.read_bytes()) is not None
 
 
 def _is_later(name: str, session: str) -> bool:
