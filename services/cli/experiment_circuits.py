@@ -70,13 +70,23 @@ def circuits(
 
 def _minima(name: str, world: WorldSpec) -> list[dict[str, Any]]:
     """Return the least goal reward of one level for every discount and way to pay an answer."""
-    from sfid_core.experiments.circuits import GAMMAS, OMEGAS, bound, goal_reward_min
+    from sfid_core.experiments.circuits import (
+        GAMMAS,
+        OMEGAS,
+        SMALL_GOAL,
+        Accepts,
+        bound,
+        goal_reward_min,
+        share_with,
+    )
     from sfid_core.experiments.condition import tables_of
 
     tables = tables_of(world)
     return [
         {"level": name, "gamma": gamma, "omega": omega,
-         "goal_reward_min": goal_reward_min(tables, paid, gamma), "bound": bound(paid[0], 0.0, gamma)}
+         "goal_reward_min": goal_reward_min(tables, paid, gamma), "bound": bound(paid[0], 0.0, gamma),
+         "finishing_at_goal_1": {one.value: share_with(tables, paid, gamma, SMALL_GOAL, one)
+                                 for one in Accepts}}
         for gamma in GAMMAS
         for omega, paid in OMEGAS.items()
     ]  # fmt: skip
@@ -95,14 +105,21 @@ def _case(summary: ArmSummary, case: Any) -> dict[str, Any]:  # noqa: ANN401 - c
 
 
 def minimum_table(minima: list[dict[str, Any]]) -> Table:
-    """Return the least goal rewards, exact to the precision of the search."""
-    title = "least goal reward with which the best policy finishes from every state"
+    """Return the least goal rewards, exact to the precision of the search, and who finishes at 1."""
+    from sfid_core.experiments.circuits import Accepts
+
+    title = (
+        "least goal reward with which the best policy finishes from every state, and from how many it does "
+        "at goal reward 1, by what the teacher holds right"
+    )
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
-    for name in ("level", "gamma", "an answer pays", "needed", "bound"):
+    shares = [accepts.value for accepts in Accepts]
+    for name in ("level", "gamma", "an answer pays", "needed", "bound", *shares):
         table.add_column(name, justify="left" if name in {"level", "an answer pays"} else "right")
     for row in minima:
         needed, bound = f"{row['goal_reward_min']:.1f}", f"{row['bound']:.0f}"
-        table.add_row(row["level"], f"{row['gamma']:g}", row["omega"], needed, bound)
+        finishing = [f"{row['finishing_at_goal_1'][name]:.0%}" for name in shares]
+        table.add_row(row["level"], f"{row['gamma']:g}", row["omega"], needed, bound, *finishing)
     return table
 
 

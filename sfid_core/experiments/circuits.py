@@ -7,6 +7,7 @@ Sources: Knox & Stone 2012 (positive circuits), 2015; the numbers are ours.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from enum import Enum
 
 import numpy as np
 import numpy.typing as npt
@@ -28,14 +29,28 @@ GAMMAS = (0.9, 0.99)
 OMEGAS = {"+1/-1": (1.0, -1.0), "+1/0": (1.0, 0.0), "0/-1": (0.0, -1.0)}
 """What the teacher's action and another one are paid."""
 PRECISION = 0.05
+SMALL_GOAL = 1.0
+"""A goal reward as large as one answer's: what the shares of finishing are told for."""
 _SETTLED = 1e-9
 
 
-def answers(tables: WorldTables, praise: float, blame: float) -> Floats:
-    """Return what a perfect teacher pays: float64 [n_states, 4], `praise` for every optimal action."""
+class Accepts(Enum):
+    """What a perfect teacher holds right."""
+
+    OPTIMAL = "any optimal action"
+    NAMED = "the one they name"
+    """The founding paper's Omega: the label is one action, and another one that is as good is not it."""
+
+
+def answers(tables: WorldTables, praise: float, blame: float, accepts: Accepts = Accepts.OPTIMAL) -> Floats:
+    """Return what a perfect teacher pays: float64 [n_states, 4], `praise` for what they hold right.
+
+    Of several optimal actions the first is named; which one it is changes no number of the packaged room.
+    """
     actions = np.arange(tables.successor.shape[1])
-    optimal = (tables.optimal_mask[:, np.newaxis] >> actions) & 1
-    paid = np.where(optimal == 1, praise, blame)
+    mask = tables.optimal_mask.astype(np.int64)
+    right = mask if accepts is Accepts.OPTIMAL else mask & -mask
+    paid = np.where((right[:, np.newaxis] >> actions) & 1 == 1, praise, blame)
     paid[tables.outcome != StateOutcome.RUNNING] = 0.0
     return paid
 
@@ -65,19 +80,32 @@ def finishing_share(tables: WorldTables, q: Floats) -> float:
     return float((tables.outcome[onward] == StateOutcome.SOLVED)[solvable].mean())
 
 
+def share_with(
+    tables: WorldTables,
+    omega: tuple[float, float],
+    gamma: float,
+    goal_reward: float,
+    accepts: Accepts = Accepts.OPTIMAL,
+) -> float:
+    """Return the share of solvable states from which the best policy finishes, at a goal reward.
+
+    Args: tables: of a world whose step pays 0 and whose deadlocks pay nothing but the end.
+    """
+    solves = tables.outcome[tables.successor] == StateOutcome.SOLVED
+    solves &= (tables.outcome == StateOutcome.RUNNING)[:, np.newaxis]
+    paid = answers(tables, *omega, accepts)
+    return finishing_share(tables, best_values(tables, paid + goal_reward * solves, gamma))
+
+
 def goal_reward_min(tables: WorldTables, omega: tuple[float, float], gamma: float) -> float:
     """Return the least goal reward with which the best policy finishes from every solvable state.
 
     Args: tables: of a world whose step pays 0 and whose deadlocks pay nothing but the end.
     Found by bisection to `PRECISION`; 0 where none is needed. At most praise * gamma / (1 - gamma) is.
     """
-    paid = answers(tables, *omega)
-    solves = tables.outcome[tables.successor] == StateOutcome.SOLVED
-    solves &= (tables.outcome == StateOutcome.RUNNING)[:, np.newaxis]
 
     def finishes(goal_reward: float) -> bool:
-        q = best_values(tables, paid + goal_reward * solves, gamma)
-        return finishing_share(tables, q) == 1.0
+        return share_with(tables, omega, gamma, goal_reward) == 1.0
 
     lo, hi = 0.0, bound(omega[0], 0.0, gamma) + 2 * PRECISION
     if finishes(lo):

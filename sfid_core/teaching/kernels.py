@@ -66,6 +66,8 @@ class TeacherMemory(NamedTuple):
 
 
 TEACHER_SCALARS = 1
+_POINTING = 15
+"""Stream of the faults of guidance, which is asked for beside a judgement of the same decision."""
 _GUIDANCE = 32
 """First stream of guidance: one for each action that is pointed at beside the label."""
 _SILENCE, _ERROR, _CHOICE, _HABIT, _SOFTEN, _TIRED, _DELAY_1, _DELAY_2 = range(1, 9)
@@ -114,12 +116,15 @@ def nth_action(among: int, place: int, actions: int) -> int:
 
 
 @kernel
-def is_silent(t: TeacherParameters, m: TeacherMemory, key: int, decision: int) -> bool:
-    """Tell whether the teacher misses the decision, from inattention or fatigue."""
-    if t.silence > 0.0 and unit(draw(key, _SILENCE), decision) < t.silence:
+def is_silent(t: TeacherParameters, m: TeacherMemory, faults: int, decision: int) -> bool:
+    """Tell whether the teacher misses what is asked, from inattention or fatigue.
+
+    Args: faults: the key of the faults of this kind of answer.
+    """
+    if t.silence > 0.0 and unit(draw(faults, _SILENCE), decision) < t.silence:
         return True
     if t.fatigue > 0.0:
-        return unit(draw(key, _TIRED), decision) >= math.exp(-m.scalars[0] / t.fatigue)
+        return unit(draw(faults, _TIRED), decision) >= math.exp(-m.scalars[0] / t.fatigue)
     return False
 
 
@@ -132,17 +137,32 @@ def label_of(
     An error names one of the actions that are not optimal, or, where all are, one that the teacher would not
     have named; with nothing else to name it is silence. Without an optimal action there is nothing to say.
     """
-    if optimal == 0 or is_silent(t, m, key, decision):
+    return named_of(t, m, key, key, decision, word, optimal, actions)
+
+
+@kernel
+def named_of(
+    t: TeacherParameters,
+    m: TeacherMemory,
+    key: int,
+    faults: int,
+    decision: int,
+    word: int,
+    optimal: int,
+    actions: int,
+) -> int:
+    """Return what `label_of` does, with the silence and the errors that are drawn from `faults`."""
+    if optimal == 0 or is_silent(t, m, faults, decision):
         return -1
     named = preferred_of(preference_key(t, key, decision), word, optimal, actions)
-    if t.label_error > 0.0 and unit(draw(key, _ERROR), decision) < t.label_error:
+    if t.label_error > 0.0 and unit(draw(faults, _ERROR), decision) < t.label_error:
         among = ((1 << actions) - 1) & ~optimal
         if among == 0:
             among = optimal & ~(1 << named)
         count = count_actions(among, actions)
         if count == 0:
             return -1
-        named = nth_action(among, below(draw(key, _CHOICE), decision, count), actions)
+        named = nth_action(among, below(draw(faults, _CHOICE), decision, count), actions)
     m.scalars[0] += 1.0
     return named
 
@@ -153,9 +173,10 @@ def guidance_of(
 ) -> int:
     """Return the actions worth considering, bit a set for action a; 0 is silence.
 
-    The label that the teacher would give is among them; the others are drawn.
+    One is what the teacher would do, or takes for it by mistake; the others are drawn. Silence and mistakes
+    are not those of the judgement that follows: a teacher who points wrongly sees what comes of it.
     """
-    label = label_of(t, m, key, decision, word, optimal, actions)
+    label = named_of(t, m, key, draw(key, _POINTING), decision, word, optimal, actions)
     if label < 0:
         return 0
     bits = 1 << label

@@ -7,13 +7,13 @@ from sfid_core.experiments.circuits import (
     CASES,
     OMEGAS,
     TRAPPED,
+    Accepts,
     answers,
-    best_values,
     bound,
     claims,
     conditions,
-    finishing_share,
     goal_reward_min,
+    share_with,
 )
 from sfid_core.experiments.condition import tables_of
 from sfid_core.experiments.guidance import room
@@ -45,13 +45,19 @@ def test_the_least_goal_reward_is_what_was_found_before(
     assert goal_reward_min(tables_of(world), OMEGAS[omega], gamma) == pytest.approx(needed, abs=0.5, rel=0.01)
 
 
-def test_below_the_least_goal_reward_the_best_policy_goes_round_for_ever() -> None:
+@pytest.mark.parametrize("accepts,share", [(Accepts.NAMED, 36 / 192), (Accepts.OPTIMAL, 20 / 192)])
+def test_below_the_least_goal_reward_the_best_policy_goes_round_for_ever(
+    accepts: Accepts, share: float
+) -> None:
+    shares = [share_with(tables_of(ROOM), (1.0, -1.0), 0.9, goal, accepts) for goal in (1.0, 2.0)]
+    assert shares == [share, 1.0]
+
+
+def test_a_teacher_who_names_one_action_pays_for_no_other_that_is_as_good() -> None:
     tables = tables_of(ROOM)
-    pays = (tables.outcome[tables.successor] == 1) & (tables.outcome == 0)[:, np.newaxis]
-    paid = answers(tables, 1.0, -1.0)
-    shares = [finishing_share(tables, best_values(tables, paid + goal * pays, 0.9)) for goal in (1.0, 2.0)]
-    assert shares[0] < 0.5
-    assert shares[1] == 1.0
+    state = int(np.flatnonzero(tables.optimal_mask == 0b0101)[0])
+    assert answers(tables, 1.0, -1.0)[state].tolist() == [1, -1, 1, -1]
+    assert answers(tables, 1.0, -1.0, Accepts.NAMED)[state].tolist() == [1, -1, -1, -1]
 
 
 def test_no_circuit_can_pay_from_the_bound_on() -> None:

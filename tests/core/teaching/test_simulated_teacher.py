@@ -121,3 +121,17 @@ def test_a_rate_outside_its_range_is_refused_in_one_line(rate: float) -> None:
 def test_a_world_without_actions_is_refused() -> None:
     with pytest.raises(ParameterError, match="actions 0 is below 1"):
         teacher(actions=0)
+
+
+def test_a_teacher_who_points_wrongly_judges_what_comes_of_it_by_other_draws() -> None:
+    rates: dict[str, Value] = {"label_error": 0.5, "reward_error": 0.5, "silence": 0.5, "guidance_width": 1}
+    guide = SimulatedTeacher(1, "ann", "lab", parameters_of(TeacherParameters, rates, "teacher"))
+    pointed = [guide.guidance(decision, STATE, (2,)) for decision in DECISIONS]
+    judged = [guide.reward(decision, STATE, 2, (2,)) for decision in DECISIONS]
+    for said in ((2,), ()):
+        after = [reward for before, reward in zip(pointed, judged, strict=True) if before == said]
+        assert share([reward is None for reward in after]) == pytest.approx(0.5, abs=0.02)
+        heard = [reward for reward in after if reward is not None]
+        assert share([reward == 1.0 for reward in heard]) == pytest.approx(0.5, abs=0.03)
+    assert share([before == () for before in pointed]) == pytest.approx(0.5, abs=0.01)
+    assert share([before == (2,) for before in pointed if before]) == pytest.approx(0.5, abs=0.02)
