@@ -2,6 +2,7 @@
 
 import json
 import logging
+import select
 import signal
 import socket
 import subprocess
@@ -11,6 +12,8 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+
+from services.runtime.signals import Stop, heard_by_children
 
 log = logging.getLogger("sfid.supervisor")
 
@@ -30,6 +33,10 @@ class SupervisorError(Exception):
     def __init__(self, message: str, exit_code: int = 1) -> None:
         super().__init__(message)
         self.exit_code = exit_code
+
+
+class _UnwantedError(Exception):
+    """Nobody waits any more for what is being started."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,11 +62,15 @@ class Supervisor:
     """Runs services as child processes; a thread of its own watches them.
 
     Args: log_dir: where each service's log goes (`<name>.log`), None for this process's own stderr;
-    changed: called with the running processes after every start.
+    changed: called with the running processes after every start; wanted_no_more: when it is set, nothing is
+    waited for until it is ready.
     """
 
     def __init__(
-        self, log_dir: Path | None, changed: Callable[[list[tuple[str, int]]], None] | None = None
+        self,
+        log_dir: Path | None,
+        changed: Callable[[list[tuple[str, int]]], None] | None = None,
+        wanted_no_more: Stop | None = None,
     ) -> None:
         self._log_dir = log_dir
         self._changed = changed
@@ -67,6 +78,7 @@ class Supervisor:
         self._ended: list[tuple[str, int]] = []
         self._lock = threading.RLock()
         self._stopping = threading.Event()
+        self._wanted_no_more = wanted_no_more or Stop()
         self._failure: SupervisorError | None = None
         self._watcher = threading.Thread(target=self._watch, name="watch-services", daemon=True)
         self._watcher.start()
@@ -75,6 +87,7 @@ class Supervisor:
         """Start services side by side and wait until all are ready; return their details by name.
 
         Raises: SupervisorError when one ends before it is ready; its own line has then been printed.
+        KeyboardInterrupt when they are wanted no more; they have ended then.
         """
         with self._lock:
             spawned: list[_Running] = []
@@ -83,9 +96,11 @@ class Supervisor:
                     spawned.append(self._spawn(service, []))  # noqa: PERF401 - those before a failure must be known
                 for running in spawned:
                     self._await_ready(running)
-            except BaseException:  # also Ctrl-C: who was started together ends together
+            except BaseException as error:  # who was started together ends together
                 for running in spawned:
                     self._end(running)
+                if isinstance(error, _UnwantedError):
+                    raise KeyboardInterrupt from None
                 raise
             self._running.update({running.service.name: running for running in spawned})
             self._tell()
@@ -137,10 +152,11 @@ class Supervisor:
         command += ["--supervised-fd", str(theirs.fileno())]
         stderr = None if self._log_dir is None else (self._log_dir / f"{service.name}.log").open("ab")
         try:
-            process = subprocess.Popen(
-                command, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL, stdout=stderr, stderr=stderr,
-                start_new_session=True,
-            )  # fmt: skip
+            with heard_by_children():
+                process = subprocess.Popen(
+                    command, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL, stdout=stderr,
+                    stderr=stderr, start_new_session=True,
+                )  # fmt: skip
         finally:
             theirs.close()
             if stderr is not None:
@@ -148,12 +164,13 @@ class Supervisor:
         return _Running(service, process, ours, started=[*started, time.monotonic()])
 
     def _await_ready(self, running: _Running) -> None:
-        running.line.settimeout(READY_TIMEOUT_S)
-        try:
-            text = running.line.makefile("rb").readline()
-        except TimeoutError:
-            running.process.kill()
-            text = b""
+        until = time.monotonic() + READY_TIMEOUT_S
+        while not select.select([running.line], [], [], POLL_S)[0]:
+            if self._stopping.is_set() or self._wanted_no_more.is_set():
+                raise _UnwantedError
+            if time.monotonic() >= until:
+                running.process.kill()
+        text = running.line.makefile("rb").readline()  # one line, sent whole, or the end
         if text:
             running.detail = str(json.loads(text)["ready"])
             return
@@ -196,7 +213,11 @@ class Supervisor:
         log.warning("%s (pid %d) %s: starting it again", name, running.process.pid, how)
         try:
             again = self._spawn(running.service, recent)
-            self._await_ready(again)
+            try:
+                self._await_ready(again)
+            except _UnwantedError:
+                self._end(again)
+                return
         except (SupervisorError, OSError) as error:
             text = (
                 str(error)

@@ -8,13 +8,13 @@ import gc
 import json
 import logging
 import os
-import signal
 import socket
 import threading
 from contextlib import suppress
 from dataclasses import dataclass
 
 from services.runtime.log_config import configure
+from services.runtime.signals import StopSignals
 
 GC_THRESHOLD = (50_000, 20, 100)
 """Messages are freed by reference counts; the default of 700 scans the heap every few of them in vain."""
@@ -41,8 +41,7 @@ class ServiceProcess:
         self.stop = threading.Event()
         self._line = None if config.supervised_fd is None else socket.socket(fileno=config.supervised_fd)
         configure(config.role, verbose=config.verbose)
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, self._on_signal)
+        self._signals = StopSignals(self._begin_stop)
         if self._line is not None:
             threading.Thread(
                 target=self._watch_supervisor, args=(self._line,), name="supervisor", daemon=True
@@ -58,12 +57,9 @@ class ServiceProcess:
             with suppress(OSError):  # the supervisor is gone; `_watch_supervisor` sees to that
                 self._line.sendall(json.dumps({"ready": detail}).encode() + b"\n")
 
-    def _on_signal(self, number: int, _frame: object) -> None:
-        if self.stop.is_set():
-            os._exit(128 + number)
-        self._begin_stop()
-
     def _begin_stop(self) -> None:
+        if self.stop.is_set():
+            return
         self.stop.set()
         watchdog = threading.Timer(DRAIN_MAX_S, os._exit, (70,))
         watchdog.daemon = True
@@ -75,5 +71,4 @@ class ServiceProcess:
                 pass
         except OSError:
             pass
-        if not self.stop.is_set():
-            self._begin_stop()
+        self._begin_stop()

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from services.router import free_endpoint
+from services.runtime.signals import Stop
 from services.supervisor import RESTARTS_MAX, Service, Supervisor, SupervisorError, write_processes
 from tests.services.cli.command_line import alive, wait_for
 
@@ -118,6 +119,21 @@ def test_stopping_ends_the_named_ones_or_everybody_and_keeps_who_they_were(
     write_processes(tmp_path / "processes.json", [("one", 1)])
     assert (tmp_path / "processes.json").read_text() == '[{"role": "one", "pid": 1}]\n'
     assert not (tmp_path / "processes.part").exists()
+
+
+def test_who_is_wanted_no_more_is_not_waited_for(tmp_path: Path) -> None:
+    stop = Stop()
+    supervisor = Supervisor(tmp_path, wanted_no_more=stop)
+    log = tmp_path / "lonely.log"
+    waits_for_a_router = Service("lonely", ("environment", "--connect", free_endpoint(), "--verbose"))
+    threading.Thread(target=lambda: (wait_for("its start", log.exists), stop.set())).start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            supervisor.start(waits_for_a_router)
+    finally:
+        supervisor.stop()
+    ((name, pid),) = supervisor.processes()
+    assert (name, alive(pid)) == ("lonely", False)
 
 
 def test_a_disk_that_cannot_note_who_runs_does_not_end_the_watch(tmp_path: Path) -> None:
