@@ -272,6 +272,7 @@ class GymWorld(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, ta
     ] = {}
     actions: ActionNames
     level_name: Text
+    starts: Annotated[str, Meta(pattern=r"^([1-9][0-9]{0,6}|all)\Z")] = "4"
     render: Literal["text", "picture"] = "text"
     reward_scale: Finite = 1.0
     goal_reward: Finite | None = None

@@ -46,7 +46,7 @@ def _world_spec(world: wire.World | wire.GymWorld) -> WorldSpec:
         return WorldSpec(
             "",
             world.level_name,
-            "1",
+            world.starts,
             goal,
             world.step_reward,
             deadlock_reward=-inf,

@@ -1,5 +1,6 @@
 """The options that name a Gymnasium environment in place of a level."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 import typer
@@ -24,7 +25,12 @@ _WORDS: dict[str, Any] = {"true": True, "false": False, "none": None}
 
 
 def gym_world(
-    gym: str | None, options: list[str] | None, actions: str | None, render: str, reward_scale: float
+    gym: str | None,
+    options: list[str] | None,
+    actions: str | None,
+    render: str = "text",
+    reward_scale: float = 1.0,
+    starts: str = "4",
 ) -> GymWorld | None:
     """Return the world that the options name, None without `--gym`.
 
@@ -41,7 +47,14 @@ def gym_world(
 
     named = () if actions is None else tuple(name.strip().upper() for name in actions.split(","))
     try:
-        return described(gym, gym_options(options), render=render, actions=named, reward_scale=reward_scale)
+        return described(
+            gym,
+            gym_options(options),
+            starts=starts,
+            render=render,
+            actions=named,
+            reward_scale=reward_scale,
+        )
     except GymError as error:
         raise CommandError(str(error)) from None
 
@@ -73,3 +86,20 @@ def gym_flags(world: GymWorld) -> tuple[str, ...]:
     """Return the flags that name the same world to another process."""
     options = (flag for name, value in world.options.items() for flag in ("--gym-option", f"{name}={value}"))
     return ("--gym", world.environment, *options, "--gym-actions", ",".join(world.actions))
+
+
+def best_actions(world: GymWorld) -> Mapping[bytes, tuple[int, ...]]:
+    """Return what is best in each state of an environment. Raises: CommandError where nobody can know it."""
+    from services.gym.errors import GymError
+    from services.gym.world import GymGround
+
+    try:
+        best = GymGround(world, 0).optimal
+    except GymError as error:
+        raise CommandError(str(error)) from None
+    if not best:
+        raise CommandError(
+            f"environment {world.environment} does not tell its transitions (env.unwrapped.P), "
+            "so no script can solve it: let people teach it"
+        )
+    return best

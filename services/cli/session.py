@@ -154,7 +154,7 @@ def create(  # noqa: PLR0917 - one argument a flag
     """Create a session; it begins when enough teachers have joined."""
     window = window_spec(window_mode, window_ms, quorum)
     given = given_parameters(parameter)
-    world = gym_world(gym, gym_option, gym_actions, gym_render, reward_scale)
+    world = gym_world(gym, gym_option, gym_actions, gym_render, reward_scale, starts)
     config = session_config(name, level, method, episodes, starts, seed, window, teachers_min, given, world)
     with operator(connect, deployment, access=access) as asked:
         asked.create(config)

@@ -8,9 +8,8 @@ from typing import Annotated
 import typer
 
 from protocol.keys import KeyNameError, Keys, checked
-from protocol.messages import GymWorld
 from services.cli.failure import CommandError
-from services.cli.gym_options import Gym, GymActions, GymOption, gym_world
+from services.cli.gym_options import Gym, GymActions, GymOption, best_actions, gym_world
 from services.cli.options import (
     CONNECT_TIMEOUT_MS,
     ENDPOINT,
@@ -86,7 +85,8 @@ def scripted(  # noqa: PLR0917 - one argument a flag
 
     keys = _names(session, name, deployment)
     faults = persona_named(persona, given_parameters(fault))
-    best = _best(gym_world(gym, gym_option, gym_actions, "text", 1.0))
+    world = gym_world(gym, gym_option, gym_actions)
+    best = None if world is None else best_actions(world)
     process = ServiceProcess(ProcessConfig(f"teacher-{name}", supervised_fd, verbose))
     config = ScriptedConfig(
         session=session, teacher=name, seed=seed, parameters=faults, delay_ms=delay_ms,
@@ -97,21 +97,6 @@ def scripted(  # noqa: PLR0917 - one argument a flag
         run(config, bus, process.ready, process.stop, best=best)
     finally:
         bus.close()
-
-
-def _best(world: GymWorld | None) -> Mapping[bytes, tuple[int, ...]] | None:
-    """Return what is best in each state of an environment that tells its transitions."""
-    if world is None:
-        return None
-    from services.gym.world import GymGround
-
-    best = GymGround(world, 0).optimal
-    if not best:
-        raise CommandError(
-            f"environment {world.environment} does not tell its transitions (env.unwrapped.P), "
-            "so no script can solve it: let people teach it"
-        )
-    return best
 
 
 @teach_app.command()

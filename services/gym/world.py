@@ -5,8 +5,12 @@ An episode is what its seed and its actions make of a fresh reset, chance includ
 
 import re
 import warnings
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
 from typing import Any
+
+import numpy as np
 
 from protocol.messages import GymWorld
 from protocol.world_messages import UNDO
@@ -25,8 +29,8 @@ _SEED_MASK = 2**31 - 1
 _IMPORTS = re.compile(r"[^A-Za-z0-9_./-]")
 
 
-def make(environment: str, options: dict[str, Any], render: str) -> tuple[Any, str]:
-    """Return the environment, without a cap of its own, and its render mode ("" when it cannot be drawn).
+def make(environment: str, options: dict[str, Any], render: str) -> Any:  # noqa: ANN401 - Gymnasium is an extra
+    """Return the environment, without a cap of its own and with the render mode that suits.
 
     Args: render: "text" or "picture". Raises: GymError, one line with the mend.
     """
@@ -38,17 +42,21 @@ def make(environment: str, options: dict[str, Any], render: str) -> tuple[Any, s
         import gymnasium  # noqa: PLC0415 - an extra, and slow to import
     except ImportError:
         raise GymError("Gymnasium is not installed: install sfid[gym]") from None
-    with warnings.catch_warnings():
+    with faults(environment), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        try:
-            modes = gymnasium.spec(environment)
-            made = gymnasium.make(
-                environment, max_episode_steps=-1, disable_env_checker=True,
-                render_mode=_render_mode(modes, render), **options,
-            )  # fmt: skip
-        except Exception as error:  # noqa: BLE001 - an environment may fail in any way
-            raise GymError(f"environment {environment}: {_one_line(error)}") from None
-    return made, made.render_mode or ""
+        mode = _render_mode(gymnasium.spec(environment), render)
+        return gymnasium.make(
+            environment, max_episode_steps=-1, disable_env_checker=True, render_mode=mode, **options
+        )
+
+
+@contextmanager
+def faults(environment: str) -> Iterator[None]:
+    """Turn whatever other people's code raises into one line."""
+    try:
+        yield
+    except Exception as error:  # noqa: BLE001 - an environment may fail in any way
+        raise GymError(f"environment {environment}: {_one_line(error)}") from None
 
 
 def _render_mode(spec: Any, render: str) -> str | None:  # noqa: ANN401 - Gymnasium is an extra
@@ -115,9 +123,18 @@ class GymGround:
         return Outcome.CAP if cut else Outcome.RUNNING
 
     def begin(self, episode: int) -> "GymCourse":
-        """Return the episode of that number at its start."""
-        seed = stream(self.seed, "gym", episode) & _SEED_MASK
-        return GymCourse(self, self._idle.pop() if self._idle else self._make(), seed)
+        """Return the episode of that number at its start.
+
+        Where N episodes begin alike, each still has chances of its own on its way.
+        """
+        starts = self.world.starts
+        number = episode if starts == "all" else episode % int(starts)
+        seeds = stream(self.seed, "gym-start", number) & _SEED_MASK, stream(self.seed, "gym-chance", episode)
+        return GymCourse(self, self._idle.pop() if self._idle else self._make(), seeds)
+
+    def faults(self) -> AbstractContextManager[None]:
+        """Turn what the environment raises into one line."""
+        return faults(self.world.environment)
 
     def give_back(self, environment: Any) -> None:  # noqa: ANN401 - any environment
         """Take an environment that nobody plays any longer."""
@@ -125,17 +142,12 @@ class GymGround:
 
     def _make(self) -> Any:  # noqa: ANN401 - any environment
         world = self.world
-        made, self.mode = make(world.environment, dict(world.options), world.render)
-        table = getattr(made.unwrapped, "P", None)
+        made = make(world.environment, dict(world.options), world.render)
+        table = _table(made)
         if self._shared is None:
             self._shared = table
-        elif table != self._shared:
-            made.close()
-            raise GymError(
-                f"environment {world.environment} is another one each time it is made: "
-                "give the options that fix it (a map, a size)"
-            )
         else:
+            _refuse_another(table, self._shared, world.environment)
             made.unwrapped.P = self._shared  # thousands of sessions need one table
         return made
 
@@ -143,8 +155,8 @@ class GymGround:
 class GymCourse:
     """One episode of an environment; see `services.environment.Course`."""
 
-    def __init__(self, ground: GymGround, environment: Any, seed: int) -> None:  # noqa: ANN401
-        self._ground, self._environment, self._seed = ground, environment, seed
+    def __init__(self, ground: GymGround, environment: Any, seeds: tuple[int, int]) -> None:  # noqa: ANN401
+        self._ground, self._environment, self._seeds = ground, environment, seeds
         self._numbers = {name: index for index, name in enumerate(ground.world.actions)}
         self._taken: tuple[str, ...] = ()
         self._before: tuple[str, ...] = ()
@@ -181,8 +193,11 @@ class GymCourse:
             self._environment = None
 
     def _stand_at(self, taken: tuple[str, ...]) -> None:
-        observation, _ = self._environment.reset(seed=self._seed)
-        self._see(observation)
+        start, chance = self._seeds
+        with self._ground.faults():
+            observation, _ = self._environment.reset(seed=start)
+            self._environment.unwrapped.np_random = np.random.default_rng(chance)
+            self._see(observation)
         for name in taken:
             self._step(name)
         self._taken = taken
@@ -191,18 +206,37 @@ class GymCourse:
         if name not in self._numbers:
             raise GymError(f"no action {name}: use one of {', '.join(self._numbers)}")
         first = int(getattr(self._environment.action_space, "start", 0))
-        observation, reward, ended, cut, _ = self._environment.step(first + self._numbers[name])
-        self._see(observation)
+        with self._ground.faults():
+            observation, reward, ended, cut, _ = self._environment.step(first + self._numbers[name])
+            self._see(observation)
         return float(reward), self._ground.outcome(float(reward), ended=bool(ended), cut=bool(cut))
 
     def _see(self, observation: Any) -> None:  # noqa: ANN401 - environments observe what they like
         self.state = state_key(observation)
-        mode = self._ground.mode
-        drawn = self._environment.render() if mode else observation
-        view = as_text(drawn) if mode == "ansi" else as_picture(drawn) if mode else as_observed(drawn)
-        if len(view) > VIEW_MAX:
-            raise GymError(f"a view takes {len(view)} characters, {VIEW_MAX} fit: render it another way")
-        self.view = view
+        self.view = view_of(self._environment, observation)
+
+
+def view_of(environment: Any, observation: Any) -> str:  # noqa: ANN401 - any environment
+    """Return what teachers see of an environment that was reset. Raises: GymError when it does not fit."""
+    mode = environment.render_mode
+    drawn = environment.render() if mode else observation
+    view = as_text(drawn) if mode == "ansi" else as_picture(drawn) if mode else as_observed(drawn)
+    if len(view) > VIEW_MAX:
+        raise GymError(f"a view takes {len(view)} characters, {VIEW_MAX} fit: render it another way")
+    return view
+
+
+def _table(environment: Any) -> Any:  # noqa: ANN401 - any environment
+    return getattr(environment.unwrapped, "P", None)
+
+
+def _refuse_another(table: Any, first: Any, environment: str) -> None:  # noqa: ANN401 - any environment
+    """Refuse an environment that is drawn anew each time it is made: it could not be restored."""
+    if table != first:
+        raise GymError(
+            f"environment {environment} is another one each time it is made: "
+            "give the options that fix it (a map, a size)"
+        )
 
 
 def action_count(environment: Any) -> int:  # noqa: ANN401 - any environment
@@ -219,6 +253,7 @@ def described(
     environment: str,
     options: dict[str, Any],
     *,
+    starts: str = "4",
     render: str = "text",
     actions: tuple[str, ...] = (),
     reward_scale: float = 1.0,
@@ -229,10 +264,18 @@ def described(
     Args: actions: names by index, known or made up when empty; steps_max: the environment's own when None.
     Raises: GymError, one line with the mend.
     """
-    made, _ = make(environment, options, render)
+    if not (starts == "all" or re.fullmatch(r"[1-9][0-9]{0,6}", starts)):
+        raise GymError(f"starts {starts!r}: an environment has a number of starts, or all")
+    made = make(environment, options, render)
     try:
-        count, table = action_count(made), table_of(made)
-        state_key(made.reset(seed=0)[0])
+        with faults(environment):
+            count, table = action_count(made), table_of(made)
+            observation, _ = made.reset(seed=0)
+            state_key(observation)
+            view_of(made, observation)
+        again = make(environment, options, render)
+        again.close()
+        _refuse_another(_table(again), _table(made), environment)
         if actions and len(actions) != count:
             raise GymError(f"{len(actions)} names for the {count} actions of {environment}: name each")
         cap = steps_max or getattr(made.spec, "max_episode_steps", None) or _own_cap(environment)
@@ -244,6 +287,7 @@ def described(
         environment=own,
         options=options,
         actions=actions or action_names(own, count),
+        starts=starts,
         level_name=f"{own} ({set_options})" if set_options else own,
         render="picture" if render == "picture" else "text",
         reward_scale=reward_scale,

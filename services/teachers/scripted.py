@@ -122,9 +122,8 @@ class Script:
         best: Best | None = None,
     ) -> None:
         self._best = best
-        self._teacher: Mind = mind or SimulatedTeacher(
-            config.seed, config.teacher, config.session, config.parameters
-        )
+        self._config = config
+        self._mind = mind
         self._delay_ns = config.delay_ms * 1_000_000
         self._has_answered = has_answered
         self._optimal = optimal or optimal_names()
@@ -147,6 +146,15 @@ class Script:
         decision, self._asked, self.due_ns = self._asked, None, None
         return self._said(decision)
 
+    def _teacher(self, decision: Decision) -> Mind:
+        """Return what thinks, made for as many actions as the session has."""
+        if self._mind is None:
+            config, actions = self._config, len(decision.actions)
+            self._mind = SimulatedTeacher(
+                config.seed, config.teacher, config.session, config.parameters, actions
+            )
+        return self._mind
+
     def _remember(self, step: Step) -> None:
         if step.outcome == "running" and (self._before is None or self._before[0] <= step.decision):
             self._before = (step.decision + 1, step.next_view)
@@ -164,15 +172,17 @@ class Script:
             )
             self._asked = decision
             if not thinking:
-                self.due_ns = now_ns + self._delay_ns + int(self._teacher.delay_ms(decision.decision) * 1e6)
+                self.due_ns = (
+                    now_ns + self._delay_ns + int(self._teacher(decision).delay_ms(decision.decision) * 1e6)
+                )
 
     def _said(self, decision: Decision) -> Said:
-        number, names = decision.decision, decision.actions
+        number, names, teacher = decision.decision, decision.actions, self._teacher(decision)
         if decision.asked == "label":
-            label = self._teacher.label(number, decision.state, self._indexes(decision, decision.view))
+            label = teacher.label(number, decision.state, self._indexes(decision, decision.view))
             return Said(decision, action=None if label is None else names[label])
         if decision.asked == "guidance":
-            chosen = self._teacher.guidance(number, decision.state, self._indexes(decision, decision.view))
+            chosen = teacher.guidance(number, decision.state, self._indexes(decision, decision.view))
             return Said(decision, guidance=tuple(names[action] for action in chosen))
         seen = self._before[1] if self._before and self._before[0] == number else None
         judges = decision.asked in {"reward", "mistake"} and (seen is not None or self._best is not None)
@@ -180,9 +190,9 @@ class Script:
             optimal = self._indexes(decision, seen or "")
             action = names.index(decision.action)
             if decision.asked == "mistake":
-                better = self._teacher.mark(number, decision.state, action, optimal)
+                better = teacher.mark(number, decision.state, action, optimal)
                 return Said(decision, action=None if better is None else names[better], mistake=True)
-            return Said(decision, reward=self._teacher.reward(number, decision.state, action, optimal))
+            return Said(decision, reward=teacher.reward(number, decision.state, action, optimal))
         return Said(decision)
 
     def _indexes(self, decision: Decision, view: str) -> tuple[int, ...]:
@@ -217,7 +227,7 @@ class _Solver:
             ) from None
         except LevelError as error:
             raise ScriptedError(
-                f"the view is no Sokoban ({error}); name the session's environment with --gym"
+                f"the view is no Sokoban ({error}); a scripted teacher knows no world but what --gym names"
             ) from None
 
 

@@ -82,6 +82,7 @@ MEANINGS = {
     "options": "what it is made with, such as `is_slippery`",
     "GymWorld.actions": "names of its actions, by index",
     "GymWorld.level_name": "name of the world, for people",
+    "GymWorld.starts": "N: episodes begin from N drawn resets in turn; `all`: each from one of its own",
     "render": "what a view is: see *Views*",
     "reward_scale": "what its rewards are multiplied by",
     "GymWorld.goal_reward": "what ending well pays, scaled, for warnings; null where nobody knows",

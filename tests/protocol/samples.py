@@ -44,6 +44,7 @@ LAKE = GymWorld(
     options={"is_slippery": False, "map_name": "4x4", "success_rate": 1.0},
     actions=("LEFT", "DOWN", "RIGHT", "UP"),
     level_name="FrozenLake-v1 (is_slippery=False)",
+    starts="4",
     render="text",
     reward_scale=10.0,
     goal_reward=10.0,
