@@ -2,6 +2,7 @@
 
 import queue
 import time
+from collections.abc import Callable
 from typing import TypeVar
 
 from protocol.codec import DecodeError, decode, encode
@@ -33,13 +34,21 @@ class OperatorError(Exception):
 class Operator:
     """Asks the learner and waits for its answer.
 
-    Args: patience_s: how long an absent learner is asked again (it may be restarting).
+    Args: patience_s: how long an absent learner is asked again (it may be restarting); pause: waits so many
+    seconds, and raises what ends the asking.
     """
 
-    def __init__(self, bus: Bus, keys: Keys, patience_s: float = 5.0) -> None:
+    def __init__(
+        self,
+        bus: Bus,
+        keys: Keys,
+        patience_s: float = 5.0,
+        pause: Callable[[float], None] = time.sleep,
+    ) -> None:
         self._bus = bus
         self._keys = keys
         self._patience_s = patience_s
+        self._pause = pause
 
     def create(self, config: CreateSession) -> None:
         """Create a session; the same again is the same session."""
@@ -82,7 +91,7 @@ class Operator:
                 raise OperatorError(
                     f"{what}: start one with `sfid up` or `sfid learner`, or check --connect and --deployment"
                 )
-            time.sleep(RETRY_S)
+            self._pause(RETRY_S)
 
 
 def _as(payload: bytes, expected: type[M]) -> M:

@@ -25,7 +25,6 @@ from services.cli.gym_options import (
     GymOption,
     GymRender,
     RewardScale,
-    best_actions,
     gym_flags,
     gym_world,
 )
@@ -36,6 +35,7 @@ from services.cli.waiting import stoppable
 from services.operator import Operator, OperatorError
 from services.router import free_endpoint
 from services.runtime.bus import Received
+from services.runtime.signals import Stop
 from services.runtime.zenoh_bus import ZenohBus
 from services.supervisor import Supervisor
 from services.topology import Role
@@ -95,15 +95,13 @@ def demo(  # noqa: PLR0917 - one argument a flag
     waits = (
         WindowSpec(mode="until-answered", span_ms=2_000) if teachers else WindowSpec(mode="early", span_ms=1)
     )
-    world = gym_world(gym, gym_option, gym_actions, gym_render, reward_scale, starts)
+    world = gym_world(gym, gym_option, gym_actions, gym_render, reward_scale)
     config = session_config("demo", level, method, episodes, starts, seed, waits, len(teachers), world=world)
-    if world is not None and teachers:
-        best_actions(world)  # what nobody can teach is said before anything is started
     pace = (VIEWER_PACE_MS if viewer else 0) if pace_ms is None else pace_ms
     deployed = launch.Deployed(data or _new_directory(), free_endpoint(), "demo")
     plan = _Plan(config, teachers, pace, viewer, Console(stderr=True), deployed)
-    with stoppable():
-        report, rows, processes = _run(plan)
+    with stoppable() as stop:
+        report, rows, processes = _run(plan, stop)
     _print_result(plan, report, rows, processes, as_json=json)
 
 
@@ -127,7 +125,7 @@ def _new_directory() -> Path:
         raise CommandError(message) from None
 
 
-def _run(plan: _Plan) -> tuple[SessionReport, list[Episode], list[tuple[str, int]]]:
+def _run(plan: _Plan, stop: Stop) -> tuple[SessionReport, list[Episode], list[tuple[str, int]]]:
     """Start everything, wait for the end of the session, take everything down."""
     try:
         logs = launch.make_directories(plan.deployed.data)
@@ -141,7 +139,7 @@ def _run(plan: _Plan) -> tuple[SessionReport, list[Episode], list[tuple[str, int
         format="%(message)s",
         handlers=[RichHandler(console=plan.console, show_path=False)],
     )
-    supervisor = launch.supervise(plan.deployed.data, logs)
+    supervisor = launch.supervise(plan.deployed.data, logs, stop)
     bus: ZenohBus | None = None
     try:
         supervisor.start(launch.router(plan.deployed))
@@ -151,7 +149,7 @@ def _run(plan: _Plan) -> tuple[SessionReport, list[Episode], list[tuple[str, int
         details = supervisor.start(*services)
         _say_where(plan, details.get("monitor", ""))
         bus = launch.bus(plan.deployed, Role.OPERATOR)
-        report, rows = _teach(plan, supervisor, bus)
+        report, rows = _teach(plan, supervisor, bus, stop)
         return report, rows, supervisor.processes()
     finally:
         if bus is not None:
@@ -165,9 +163,11 @@ def _say_where(plan: _Plan, watch: str) -> None:
         plan.console.print(watch, highlight=False, soft_wrap=True)
 
 
-def _teach(plan: _Plan, supervisor: Supervisor, bus: ZenohBus) -> tuple[SessionReport, list[Episode]]:
+def _teach(
+    plan: _Plan, supervisor: Supervisor, bus: ZenohBus, stop: Stop
+) -> tuple[SessionReport, list[Episode]]:
     keys = Keys(plan.deployed.deployment)
-    operator = Operator(bus, keys, patience_s=30.0)
+    operator = Operator(bus, keys, patience_s=30.0, pause=stop.pause)
     try:
         config = _named_afresh(operator, plan.config)
         news: queue.SimpleQueue[bytes] = queue.SimpleQueue()
@@ -184,7 +184,7 @@ def _teach(plan: _Plan, supervisor: Supervisor, bus: ZenohBus) -> tuple[SessionR
             )
             unique = name if plan.teachers.count(name) == 1 else f"{name}-{number + 1}"
             supervisor.start(launch.scripted_teacher(plan.deployed, config.session, unique, flags))
-        return _await_end(plan, config, supervisor, operator, news)
+        return _await_end(plan, config, supervisor, operator, news, stop)
     except OperatorError as error:
         raise CommandError(str(error), NOT_SO) from None
 
@@ -208,12 +208,14 @@ def _await_end(
     supervisor: Supervisor,
     operator: Operator,
     news: queue.SimpleQueue[bytes],
+    stop: Stop,
 ) -> tuple[SessionReport, list[Episode]]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=plan.console, disable=not sys.stderr.isatty()) as progress:
         task = progress.add_task("episodes", total=config.episodes)
         asked_at = time.monotonic()
         while True:
+            stop.look()
             supervisor.check()
             done = _episodes_done(news)
             if done:

@@ -7,6 +7,7 @@ from services.cli.options import CONNECT_TIMEOUT_MS
 from services.cli.waiting import connected_bus
 from services.runtime.access import FOLDER
 from services.runtime.config import AggregatorSection, GatewaySection
+from services.runtime.signals import Stop
 from services.runtime.zenoh_bus import ZenohBus
 from services.supervisor import Service, Supervisor, write_processes
 from services.topology import CROWD, Role
@@ -54,9 +55,9 @@ def make_directories(data: Path) -> Path:
     return logs
 
 
-def supervise(data: Path, logs: Path | None) -> Supervisor:
-    """Return a supervisor that keeps `processes.json` in the data directory."""
-    return Supervisor(logs, lambda processes: write_processes(data / "processes.json", processes))
+def supervise(data: Path, logs: Path | None, stop: Stop) -> Supervisor:
+    """Return a supervisor that keeps `processes.json` there; after `stop` it waits for nothing."""
+    return Supervisor(logs, lambda processes: write_processes(data / "processes.json", processes), stop)
 
 
 def router(deployed: Deployed) -> Service:

@@ -1,7 +1,6 @@
 """`sfid study new|run|status|report`: from one file to a running study, and from its data to a report."""
 
 import logging
-import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
@@ -23,6 +22,7 @@ from services.cli.options import (
 )
 from services.cli.waiting import service_bus, stoppable
 from services.router import free_endpoint
+from services.runtime.signals import Stop
 from services.study.definition_file import StudyFile, read_study, template
 from services.supervisor import Service
 from services.topology import Role
@@ -90,16 +90,23 @@ def run(
         message = f"{where}: {error.strerror or error}: name a --data directory that can be written"
         raise CommandError(message) from None
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)-7s study %(message)s")
-    with suppress(KeyboardInterrupt), stoppable():  # being stopped is how it ends well
-        _run(found, file, deployed, logs, listen=listen or found.page.listen, as_json=as_json)
+    with suppress(KeyboardInterrupt), stoppable() as stop:  # being stopped is how it ends well
+        _run(found, file, deployed, logs, stop, listen=listen or found.page.listen, as_json=as_json)
 
 
 def _run(
-    found: StudyFile, file: Path, deployed: launch.Deployed, logs: Path, *, listen: str, as_json: bool
+    found: StudyFile,
+    file: Path,
+    deployed: launch.Deployed,
+    logs: Path,
+    stop: Stop,
+    *,
+    listen: str,
+    as_json: bool,
 ) -> None:
     from services.cli.study_link import participants_link
 
-    supervisor = launch.supervise(deployed.data, logs)
+    supervisor = launch.supervise(deployed.data, logs, stop)
     try:
         supervisor.start(launch.router(deployed))
         serving = ("study", "serve", str(file), *deployed.common, "--data", str(deployed.data))
@@ -113,7 +120,7 @@ def _run(
             print(f"data in {deployed.data}; `sfid study status {file}` shows how far people are", flush=True)
         while True:
             supervisor.check()
-            time.sleep(CHECK_S)
+            stop.pause(CHECK_S)
     finally:
         supervisor.stop()
 

@@ -1,7 +1,6 @@
 """`sfid up`: a supervised set of services."""
 
 import logging
-import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
@@ -13,6 +12,7 @@ from services.cli.failure import CommandError
 from services.cli.waiting import stoppable
 from services.runtime.config import Config, ConfigError, read_config
 from services.runtime.log_config import configure
+from services.runtime.signals import Stop
 
 log = logging.getLogger("sfid.up")
 CHECK_S = 0.2
@@ -55,19 +55,20 @@ def up(
         message = f"{deployed.data}: {error.strerror or error}: name a --data directory that can be written"
         raise CommandError(message) from None
     configure("up")
-    with suppress(KeyboardInterrupt), stoppable():  # being stopped is how it ends well
-        _run(deployed, settings, viewer=viewer, gateway=gateway, crowd=crowd)
+    with suppress(KeyboardInterrupt), stoppable() as stop:  # being stopped is how it ends well
+        _run(deployed, settings, stop, viewer=viewer, gateway=gateway, crowd=crowd)
 
 
 def _run(
     deployed: launch.Deployed,
     settings: Config,
+    stop: Stop,
     *,
     viewer: bool | None,
     gateway: bool | None,
     crowd: bool | None,
 ) -> None:
-    supervisor = launch.supervise(deployed.data, None)
+    supervisor = launch.supervise(deployed.data, None, stop)
     try:
         supervisor.start(launch.router(deployed))
         services = [launch.environment(deployed), launch.learner(deployed)]
@@ -93,6 +94,6 @@ def _run(
         print("next: `sfid session create NAME`, then `sfid teach keyboard --session NAME`", flush=True)
         while True:
             supervisor.check()
-            time.sleep(CHECK_S)
+            stop.pause(CHECK_S)
     finally:
         supervisor.stop()

@@ -1,6 +1,5 @@
 """How a command waits: for its router long, but never longer than it is wanted."""
 
-import signal
 import threading
 import time
 from collections.abc import Iterator
@@ -14,6 +13,7 @@ from services.cli.options import SERVICE_CONNECT_TIMEOUT_MS
 from services.runtime.access import CleartextError, access_for
 from services.runtime.bus import Bus, BusError
 from services.runtime.secret import SecretError
+from services.runtime.signals import Stop, StopSignals
 from services.runtime.zenoh_bus import ZenohBus, open_bus
 from services.runtime.zenoh_config import split_endpoint
 from services.topology import Role
@@ -51,14 +51,11 @@ def service_bus(endpoint: str, stop: threading.Event, role: Role, access: Path |
 
 
 @contextmanager
-def stoppable() -> Iterator[None]:
-    """Let SIGTERM end the block as Ctrl-C does, so that everything drains."""
+def stoppable() -> Iterator[Stop]:
+    """Let SIGTERM and Ctrl-C set what is yielded, which every wait of the block looks at; twice ends at once.
 
-    def interrupt(_number: int, _frame: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
+    What looks at it raises KeyboardInterrupt there, and nowhere else: everything drains.
+    """
+    stop = Stop()
+    with StopSignals(stop.set):
+        yield stop

@@ -126,7 +126,12 @@ def test_who_is_wanted_no_more_is_not_waited_for(tmp_path: Path) -> None:
     supervisor = Supervisor(tmp_path, wanted_no_more=stop)
     log = tmp_path / "lonely.log"
     waits_for_a_router = Service("lonely", ("environment", "--connect", free_endpoint(), "--verbose"))
-    threading.Thread(target=lambda: (wait_for("its start", log.exists), stop.set())).start()
+
+    def lose_interest() -> None:
+        wait_for("its start", log.exists)
+        stop.set()
+
+    threading.Thread(target=lose_interest).start()
     try:
         with pytest.raises(KeyboardInterrupt):
             supervisor.start(waits_for_a_router)
