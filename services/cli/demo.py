@@ -25,6 +25,7 @@ from services.cli.gym_options import (
     GymOption,
     GymRender,
     RewardScale,
+    best_actions,
     gym_flags,
     gym_world,
 )
@@ -95,8 +96,10 @@ def demo(  # noqa: PLR0917 - one argument a flag
     waits = (
         WindowSpec(mode="until-answered", span_ms=2_000) if teachers else WindowSpec(mode="early", span_ms=1)
     )
-    world = gym_world(gym, gym_option, gym_actions, gym_render, reward_scale)
+    world = gym_world(gym, gym_option, gym_actions, gym_render, reward_scale, starts)
     config = session_config("demo", level, method, episodes, starts, seed, waits, len(teachers), world=world)
+    if world is not None and teachers:
+        best_actions(world)  # what nobody can teach is said before anything is started
     pace = (VIEWER_PACE_MS if viewer else 0) if pace_ms is None else pace_ms
     deployed = launch.Deployed(data or _new_directory(), free_endpoint(), "demo")
     plan = _Plan(config, teachers, pace, viewer, Console(stderr=True), deployed)
