@@ -25,7 +25,6 @@ from services.cli.waiting import service_bus
 from services.topology import Role as BusRole
 
 DATA = Path("sfid-data/up")
-HOUR_S = 3600
 
 
 def add_to(app: typer.Typer) -> None:
@@ -123,38 +122,29 @@ def invite(  # noqa: PLR0917 - one argument a flag
 def _link(
     data: Path, session: str, name: str | None, people: int, hours: float, url: str | None
 ) -> dict[str, Any]:
-    from protocol.identity import Identity, Role, sign
-    from services.gateway.config import GatewayConfig
+    from protocol.identity import Identity, Role
+    from services.cli.keys import expiry_s, issued, person
     from services.gateway.service import read_status
     from services.runtime.register import new_token_id
-    from services.runtime.secret import load_secrets
 
     if not 1 <= people <= 100_000:
         raise CommandError(f"--people {people}: give 1 to 100000")
-    if not 0 < hours <= 24 * 366:
-        raise CommandError(f"--hours {hours:g}: give more than 0 and at most a year")
-    address = url or str(read_status(data)["url"])
-    expires_s = int(time.time() + hours * HOUR_S)
-    one = Identity(
-        role=Role.INVITATION, session=session, expires_s=expires_s, token_id=new_token_id(), people=people
-    )
     if name is not None:
-        pseudonym = checked(name, "teacher")
+        one = person(checked(name, "teacher"), session, hours)
+    else:
         one = Identity(
-            role=Role.TEACHER,
-            session=session,
-            pseudonym=pseudonym,
-            expires_s=expires_s,
-            token_id=one.token_id,
-        )
-    token = sign(one, load_secrets(GatewayConfig(data).folder))
+            role=Role.INVITATION, session=session, expires_s=expiry_s(hours), token_id=new_token_id(),
+            people=people,
+        )  # fmt: skip
+    address = url or str(read_status(data)["url"])
+    token = issued(data, one)
     return {
         "url": f"{address.rstrip('/')}/#t={token}",
         "id": one.token_id,
         "session": session,
         "name": name,
         "people": one.people or 1,
-        "expires_s": expires_s,
+        "expires_s": one.expires_s,
     }
 
 
@@ -182,19 +172,13 @@ def _qr_code(text: str) -> str:
 
 def _revoke(data: Path, token_id: str, *, as_json: bool) -> None:
     from protocol.identity import is_token_id
-    from services.gateway.config import GatewayConfig
-    from services.runtime.register import Register
+    from services.cli.keys import revoke_key
 
     if not is_token_id(token_id):
         raise CommandError(
             f"--revoke {token_id[:40]!r} is no id: give the 16 digits that `sfid invite` printed"
         )
-    try:
-        Register(GatewayConfig(data).folder).revoke(token_id)
-    except OSError as error:
-        raise CommandError(
-            f"{data}: {error.strerror or error}: name the gateway's --data directory"
-        ) from None
+    revoke_key(data, token_id)
     if as_json:
         print_json({"revoked": token_id})
     else:

@@ -1,14 +1,15 @@
-"""What is kept about those who are given tokens: who took up which invitation, and what was revoked.
+"""What is kept about those who are given tokens: what was issued, taken up and revoked; never a token.
 
-A file of JSON lines that is only appended to, by the gateway and by `sfid invite --revoke`, and read by all
-who verify tokens; each line is one
-write of less than a page, so writers do not mix, and it is synced before anybody is told.
+A file of JSON lines that is only appended to, by the gateway, `sfid keys` and `sfid invite`, and read by all
+who verify tokens; each line is one write of less than a page, so writers do not mix, and it is synced before
+anybody is told.
 """
 
 import hashlib
 import json
 import os
 import secrets
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -16,6 +17,7 @@ import msgspec
 from msgspec import Meta
 
 from protocol.identity import Identity, NameOrNone, Role, TokenId, sign
+from protocol.messages import Count
 
 NAME = "register.jsonl"
 _LETTERS = "abcdefghjkmnpqrstuvwxyz23456789"
@@ -24,10 +26,24 @@ _PSEUDONYM_LETTERS = 8
 
 
 class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    event: Literal["taken-up", "revoked"]
+    event: Literal["issued", "taken-up", "revoked"]
     token: TokenId
     nonce: Annotated[str, Meta(max_length=64)] = ""
     pseudonym: NameOrNone = ""
+    session: NameOrNone = ""
+    expires_s: Count = 0
+    people: Count = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Issued:
+    """A token or an invitation that was handed out: to `pseudonym`, or good for so many `people`."""
+
+    token_id: str
+    session: str
+    pseudonym: str
+    expires_s: int
+    people: int
 
 
 class Full(Exception):  # noqa: N818 - not a fault of the program
@@ -35,12 +51,14 @@ class Full(Exception):  # noqa: N818 - not a fault of the program
 
 
 class Register:
-    """Invitations taken up and tokens revoked; `refresh` reads what other processes have added."""
+    """Tokens issued, invitations taken up, tokens revoked; `refresh` reads what others have added."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / NAME
         self._offset = 0
         self._inode = 0
+        self._seen = (0, 0)
+        self.issued: dict[str, Issued] = {}
         self._people: dict[str, dict[str, str]] = {}
         self.revoked: set[str] = set()
         self.unreadable = 0
@@ -49,16 +67,20 @@ class Register:
     def refresh(self) -> bool:
         """Read what was added since; tell whether there was anything."""
         try:
+            found = self._path.stat()
+            if (found.st_ino, found.st_size) == self._seen:  # two microseconds: asked with every answer
+                return False
             with self._path.open("rb") as file:
                 inode = os.fstat(file.fileno()).st_ino
                 if inode != self._inode:  # somebody was forgotten: the file was written anew without them
-                    self._inode, self._offset, self._people = inode, 0, {}
+                    self._inode, self._offset, self._people, self.issued = inode, 0, {}, {}
                 file.seek(self._offset)
                 added = file.read()
         except FileNotFoundError:
             return False
         whole = added[: added.rfind(b"\n") + 1]
         self._offset += len(whole)
+        self._seen = (self._inode, self._offset)
         for line in whole.splitlines():
             self._take(line)
         return bool(whole)
@@ -79,6 +101,15 @@ class Register:
         pseudonym = draw_pseudonym()
         self._append(_Entry("taken-up", invitation.token_id, key, pseudonym))
         return pseudonym
+
+    def issue(self, identity: Identity) -> None:
+        """Note what was handed out, so that it can be listed."""
+        self._append(
+            _Entry(
+                "issued", identity.token_id, pseudonym=identity.pseudonym, session=identity.session,
+                expires_s=identity.expires_s, people=identity.people,
+            )
+        )  # fmt: skip
 
     def revoke(self, token_id: str) -> None:
         """Make a token, or an invitation with all that was given for it, worthless."""
@@ -106,6 +137,10 @@ class Register:
             return
         if entry.event == "revoked":
             self.revoked.add(entry.token)
+        elif entry.event == "issued":
+            self.issued[entry.token] = Issued(
+                entry.token, entry.session, entry.pseudonym, entry.expires_s, entry.people
+            )
         else:
             self._people.setdefault(entry.token, {})[entry.nonce] = entry.pseudonym
 

@@ -1,0 +1,158 @@
+"""`sfid keys new|list|revoke`: who may teach a deployment that requires tokens."""
+
+import os
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from protocol.identity import Identity, Role, is_revoked, is_token_id, sign
+from protocol.keys import checked
+from services.cli.failure import NOT_SO, CommandError
+from services.cli.options import Data, Json, print_json
+from services.operations.withdrawal import revoke_person
+from services.runtime.register import Issued, Register, new_token_id
+from services.runtime.secret import FOLDER, load_secrets
+
+DATA = Path("sfid-data/up")
+HOUR_S = 3600
+HOURS_MAX = 24 * 366
+keys_app = typer.Typer(
+    help="Hand out, list and withdraw the tokens of teachers.", no_args_is_help=True, rich_markup_mode=None
+)
+Hours = Annotated[float, typer.Option(help="How long it is good for, in hours, at most a year.")]
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the commands."""
+    app.add_typer(keys_app, name="keys")
+
+
+@keys_app.command()
+def new(
+    name: Annotated[str, typer.Argument(help="Pseudonym of the teacher: a-z, 0-9, - and _.")],
+    session: Annotated[str, typer.Option(help="Session that they may teach.")],
+    hours: Hours = 24.0,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="File for the token, which must not be there yet; default: NAME.token."),
+    ] = None,
+    data: Data = DATA,
+    as_json: Json = False,
+) -> None:
+    """Make a token for one teacher, in a file that its owner alone can read."""
+    identity = person(checked(name, "teacher"), checked(session, "session"), hours)
+    path = out or Path(f"{name}.token")
+    token = issued(data, identity)
+    _write(path, token)
+    if as_json:
+        print_json({
+            "id": identity.token_id, "name": name, "session": session, "expires_s": identity.expires_s,
+            "file": str(path),
+        })  # fmt: skip
+        return
+    print(f"{path}: {name} may teach {session} until {_moment(identity.expires_s)}; id {identity.token_id}")
+    print(f"they teach with: sfid teach keyboard --session {session} --name {name} --token-file {path}")
+    print(f"withdraw it: `sfid keys revoke {identity.token_id}`")
+
+
+@keys_app.command("list")
+def list_keys(data: Data = DATA, as_json: Json = False) -> None:
+    """List what was handed out: for whom, for which session, until when, and whether it is still good."""
+    register = Register(data / FOLDER)
+    rows = [_row(one, register, data) for one in register.issued.values()]
+    if as_json:
+        print_json({"keys": rows})
+        return
+    if not rows:
+        print("nothing was handed out yet: `sfid keys new NAME --session SESSION` makes a token")
+        return
+    for row in rows:
+        until = _moment(row["expires_s"])
+        print(f"{row['id']}: {row['for']} may teach {row['session']} until {until}, {row['state']}")
+
+
+@keys_app.command()
+def revoke(
+    what: Annotated[
+        str, typer.Argument(help="Id of a token or of an invitation, or a teacher's name: all of theirs.")
+    ],
+    data: Data = DATA,
+    as_json: Json = False,
+) -> None:
+    """Withdraw a token: its bearer's next answer is refused, and no service is restarted."""
+    revoke_key(data, what)
+    if as_json:
+        print_json({"revoked": what})
+    else:
+        print(f"withdrawn: {what}, and whatever was given for it")
+
+
+def person(name: str, session: str, hours: float) -> Identity:
+    """Return the identity of a token for one teacher."""
+    return Identity(
+        role=Role.TEACHER, session=session, pseudonym=name, expires_s=expiry_s(hours),
+        token_id=new_token_id(),
+    )  # fmt: skip
+
+
+def expiry_s(hours: float) -> int:
+    """Return when something made now ends, in seconds since 1970."""
+    if not 0 < hours <= HOURS_MAX:
+        raise CommandError(f"--hours {hours:g}: give more than 0 and at most a year")
+    return int(time.time() + hours * HOUR_S)
+
+
+def issued(data: Path, identity: Identity) -> str:
+    """Return the token of an identity, noted as handed out."""
+    folder = data / FOLDER
+    token = sign(identity, load_secrets(folder))
+    try:
+        Register(folder).issue(identity)
+    except OSError as error:
+        raise _not_writable(data, error) from None
+    return token
+
+
+def revoke_key(data: Path, what: str) -> None:
+    """Make a token, an invitation, or all tokens of a name worthless."""
+    try:
+        if is_token_id(what):
+            Register(data / FOLDER).revoke(what)
+        elif not revoke_person(data, checked(what, "teacher")):
+            raise CommandError(
+                f"{data}: nobody was ever given a token there: name the --data directory", NOT_SO
+            )
+    except OSError as error:
+        raise _not_writable(data, error) from None
+
+
+def _not_writable(data: Path, error: OSError) -> CommandError:
+    return CommandError(f"{data}: {error.strerror or error}: name the deployment's --data directory")
+
+
+def _row(one: Issued, register: Register, data: Path) -> dict[str, Any]:
+    identity = Identity(
+        role=Role.TEACHER if one.pseudonym else Role.INVITATION, session=one.session,
+        pseudonym=one.pseudonym, expires_s=one.expires_s, token_id=one.token_id, people=one.people,
+    )  # fmt: skip
+    revoked = is_revoked(identity, load_secrets(data / FOLDER), register.revoked)
+    state = "revoked" if revoked else "expired" if one.expires_s <= time.time() else "valid"
+    whom = one.pseudonym or f"{register.people(one.token_id)} of {one.people} people"
+    return {
+        "id": one.token_id, "for": whom, "session": one.session, "expires_s": one.expires_s, "state": state,
+    }  # fmt: skip
+
+
+def _moment(seconds: int) -> str:
+    return time.strftime("%Y-%m-%d %H:%M", time.localtime(seconds))
+
+
+def _write(path: Path, token: str) -> None:
+    try:
+        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except OSError as error:
+        raise CommandError(f"{path}: {error.strerror or error}: name another file with --out") from None
+    with os.fdopen(handle, "w", encoding="ascii") as file:
+        file.write(f"{token}\n")

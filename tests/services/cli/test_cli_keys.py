@@ -1,0 +1,69 @@
+"""`sfid keys`: a token for a teacher is made, listed and withdrawn, and seen by nobody but its bearer."""
+
+import json
+import stat
+import time
+from pathlib import Path
+from typing import Any
+
+from protocol.identity import TokenFault, verify
+from services.runtime.clock import SystemClock
+from services.runtime.doorkeeper import DoorFault, Doorkeeper
+from services.runtime.secret import load_secrets
+from services.teachers.token_file import read_token
+from tests.services.cli.command_line import sfid
+
+
+def keys(data: Path, *arguments: str) -> dict[str, Any]:
+    done = sfid("keys", *arguments, "--data", str(data), "--json")
+    assert done.code == 0, done.stderr
+    return dict(json.loads(done.stdout))
+
+
+def states(data: Path) -> dict[str, str]:
+    return {row["for"]: row["state"] for row in keys(data, "list")["keys"]}
+
+
+def test_a_token_is_a_private_file_and_is_told_nowhere_else(tmp_path: Path) -> None:
+    data, file = tmp_path / "data", tmp_path / "ann.token"
+    done = sfid("keys", "new", "ann", "--session", "s1", "--out", str(file), "--data", str(data))
+    token = read_token(file)
+    identity = verify(token, load_secrets(data / "gateway"), time.time(), ())
+    assert (done.code, identity.pseudonym, identity.session) == (0, "ann", "s1")
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    assert token.partition(".")[0] not in done.stdout + done.stderr
+    assert f"sfid keys revoke {identity.token_id}" in done.stdout
+    for path in data.rglob("*"):
+        assert not path.is_file() or token.encode() not in path.read_bytes()
+
+
+def test_what_is_withdrawn_by_id_or_by_name_is_refused_at_the_next_answer(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    made = {
+        name: keys(data, "new", name, "--session", "s1", "--out", str(tmp_path / name))
+        for name in ("ann", "bea", "cleo")
+    }
+    door = Doorkeeper(data, SystemClock().wall_ns)
+    tokens = {name: read_token(tmp_path / name) for name in made}
+    assert [door.fault("s1", name, tokens[name]) for name in made] == [None] * 3
+    assert states(data) == {"ann": "valid", "bea": "valid", "cleo": "valid"}
+    assert keys(data, "revoke", made["ann"]["id"]) == {"revoked": made["ann"]["id"]}
+    assert keys(data, "revoke", "bea") == {"revoked": "bea"}
+    assert [door.fault("s1", name, tokens[name]) for name in made] == [DoorFault.REVOKED] * 2 + [None]
+    assert states(data) == {"ann": "revoked", "bea": "revoked", "cleo": "valid"}
+    assert door.refused == {DoorFault(TokenFault.REVOKED.value): 2}
+
+
+def test_what_cannot_be_is_said_in_a_line(tmp_path: Path) -> None:
+    data, taken = tmp_path / "data", tmp_path / "taken"
+    taken.touch()
+    new = ("keys", "new", "ann", "--session", "s1", "--data", str(data), "--out")
+    refused = {
+        (*new, str(taken)): "File exists: name another file with --out",
+        (*new, str(tmp_path / "x"), "--hours", "0"): "--hours 0: give more than 0 and at most a year",
+        ("keys", "new", "Ann", "--session", "s1"): "teacher name 'Ann' is not allowed",
+        ("keys", "revoke", "nobody", "--data", str(tmp_path / "none")): "nobody was ever given a token there",
+    }
+    for arguments, said in refused.items():
+        done = sfid(*arguments)
+        assert (done.code in {1, 2}, said in done.stderr, done.stderr.count("\n")) == (True, True, 1), done
