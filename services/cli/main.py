@@ -25,6 +25,7 @@ from services.cli import (
     serve,
     session,
     simulate,
+    status,
     study,
     teach,
     up,
@@ -86,6 +87,7 @@ for group in (
     experiment,
     export,
     simulate,
+    status,
     study,
 ):
     group.add_to(app)
