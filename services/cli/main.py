@@ -35,7 +35,7 @@ from services.client import TeachingError
 from services.router import RouterError
 from services.runtime.bus import BusError
 from services.runtime.journal import JournalError
-from services.runtime.log_config import VARIABLE, LogFormat, choose
+from services.runtime.log_config import LEVEL_VARIABLE, VARIABLE, LogFormat, LogLevel, choose
 from services.runtime.secret import SecretError
 from services.supervisor import SupervisorError
 from sfid_core.experiments.errors import ExperimentError
@@ -60,13 +60,15 @@ def common(
         LogFormat | None,
         typer.Option(envvar=VARIABLE, help="How services log, this one and those that it starts."),
     ] = None,
+    log_level: Annotated[
+        LogLevel | None, typer.Option(envvar=LEVEL_VARIABLE, help="From which importance on they log.")
+    ] = None,
 ) -> None:
     """Teach a reinforcement-learning agent live.
 
     Say which action you would take, and agreement becomes its reward.
     """
-    if log_format is not None:
-        choose(log_format)
+    choose(log_format, log_level)
 
 
 for group in (

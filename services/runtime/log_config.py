@@ -13,6 +13,7 @@ from enum import Enum
 from typing import Any
 
 VARIABLE = "SFID_LOG_FORMAT"
+LEVEL_VARIABLE = "SFID_LOG_LEVEL"
 _ABOUT = "sfid_about"
 
 
@@ -23,9 +24,21 @@ class LogFormat(Enum):
     JSON = "json"
 
 
-def choose(format_: LogFormat) -> None:
-    """Have this process, and those that it starts, log in this format."""
-    os.environ[VARIABLE] = format_.value
+class LogLevel(Enum):
+    """From which importance on a line is written; at `debug`, one and more for every answer."""
+
+    DEBUG = "debug"
+    INFO = "info"
+    WARNING = "warning"
+    ERROR = "error"
+
+
+def choose(format_: LogFormat | None, level: LogLevel | None = None) -> None:
+    """Have this process, and those that it starts, log in this format and from this level on."""
+    if format_ is not None:
+        os.environ[VARIABLE] = format_.value
+    if level is not None:
+        os.environ[LEVEL_VARIABLE] = level.value
 
 
 def chosen() -> LogFormat:
@@ -34,6 +47,15 @@ def chosen() -> LogFormat:
         return LogFormat(os.environ.get(VARIABLE, LogFormat.TEXT.value))
     except ValueError:
         return LogFormat.TEXT
+
+
+def chosen_level() -> int:
+    """Return the level that was chosen, as a number of `logging`; INFO when none that is known was."""
+    try:
+        level = LogLevel(os.environ.get(LEVEL_VARIABLE, LogLevel.INFO.value))
+    except ValueError:
+        level = LogLevel.INFO
+    return logging.getLevelNamesMapping()[level.name]
 
 
 def about(**ids: str | int | bytes) -> dict[str, dict[str, str | int]]:
@@ -45,7 +67,7 @@ def configure(role: str, *, verbose: bool = False) -> None:
     """Log to stderr, one line an event, in the chosen format: UTC time, level, role, process, text, ids."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(_Lines(role) if chosen() is LogFormat.TEXT else _Documents(role))
-    logging.basicConfig(handlers=[handler], level=logging.DEBUG if verbose else logging.INFO)
+    logging.basicConfig(handlers=[handler], level=logging.DEBUG if verbose else chosen_level())
 
 
 class _Lines(logging.Formatter):
