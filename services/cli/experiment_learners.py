@@ -23,7 +23,7 @@ from services.cli.experiment_shared import (
 )
 from services.cli.options import Json, Seed, print_json
 from sfid_core.experiments.claims import Claim
-from sfid_core.experiments.learners import DEADLOCK_REWARD
+from sfid_core.experiments.learners import DEADLOCK_REWARD, STEPS_MAX
 from sfid_core.experiments.summary import Arm, ArmSummary
 
 
@@ -55,6 +55,7 @@ def learners(  # noqa: PLR0917 - one argument a flag
     deadlock_reward: Annotated[
         float, typer.Option(help="What a deadlock costs beside the end.")
     ] = DEADLOCK_REWARD,
+    steps_max: Annotated[int, typer.Option(help="Step cap of an episode, in steps.")] = STEPS_MAX,
     out: Out = None,
     workers: Workers = 0,
     no_compile: Plain = False,
@@ -73,7 +74,10 @@ def learners(  # noqa: PLR0917 - one argument a flag
     rows = tuple(experiment.VARIANTS) if methods == "all" else named(methods, "method", known)
     columns = experiment.TEACHERS if teachers == "all" else named(teachers, "teacher", tuple(PERSONAS))
     levels = list(dict.fromkeys(level or ["room"]))
-    worlds = [replace(world_spec(one, starts), deadlock_reward=deadlock_reward) for one in levels]
+    worlds = [
+        replace(world_spec(one, starts), deadlock_reward=deadlock_reward, steps_max=steps_max)
+        for one in levels
+    ]
     conditions = [one for world in worlds for one in experiment.conditions(world, rows, columns)]
     results, seconds, sha256 = run_all(conditions, numbers, workers, out, plain=no_compile)
     found, resampling = [], Resampling(seed=seed)

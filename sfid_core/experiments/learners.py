@@ -27,6 +27,8 @@ EXPLORE = 0.1
 DEADLOCK_REWARD = 0.0
 """A deadlock ends the episode and costs nothing else: what there is to learn comes from the goal and from the
 teacher. A cost of its own (-10 in sessions) helps every method that learns from rewards."""
+STEPS_MAX = 100
+"""Step cap of an episode; a session has 200. It decides what being trapped costs, in steps and in answers."""
 TEACHERS = (PERFECT, NOISY, VERY_NOISY, PRAISING, BLAMING, RARE)
 
 
@@ -36,6 +38,8 @@ class Variant:
 
     method: str
     parameters: Mapping[str, Value] = field(default_factory=dict)
+    teacher: Mapping[str, Value] = field(default_factory=dict)
+    """Habits of its teachers, beside those they have anyway."""
 
 
 VARIANTS: dict[str, Variant] = {
@@ -47,21 +51,29 @@ VARIANTS: dict[str, Variant] = {
     "sfid-memory": Variant("sfid-memory"),
     "sfid-memory-fast": Variant("sfid-memory", {"alpha": 0.3}),
     "guide": Variant("guide"),
+    "guide-judged": Variant("guidance", {"undo": "never"}, {"guidance_width": 1}),
     "tamer": Variant("tamer"),
     "action-biasing": Variant("tamer-rl", {"technique": "action-biasing"}),
-    "control-sharing": Variant("tamer-rl", {"technique": "control-sharing"}),
-    "model-shaping": Variant("tamer-rl", {"technique": "reward-shaping", "anneal": 0.98}),
+    "control-sharing": Variant("tamer-rl", {"technique": "control-sharing", "anneal": 0.995}),
+    "control-sharing-switched": Variant(
+        "tamer-rl", {"technique": "control-sharing", "anneal": 0.995, "alone": "in-control"}
+    ),
+    "model-shaping": Variant("tamer-rl", {"technique": "reward-shaping"}),
     "q-augmentation": Variant("tamer-rl", {"technique": "q-augmentation"}),
     "advise": Variant("advise"),
     "sabl": Variant("sabl"),
     "isabl": Variant("isabl"),
+    "isabl-held": Variant("isabl", {"explore": 0.0, "update": "episode"}),
     "coach": Variant("coach"),
-    "pies": Variant("pies", {"episodes": 50.0}),
+    "pies": Variant("pies", {"episodes": 99.0}),
     "clone": Variant("clone"),
     "dagger": Variant("dagger"),
 }
 """Rows of the table by name; every other method may be named too and has its defaults. `model-shaping` adds
-the teacher's model to the reward; `sfid-memory-fast` takes steps of 0.3, which costs it under noise."""
+the teacher's model to the reward; `sfid-memory-fast` takes steps of 0.3, which costs it under noise;
+`guide-judged` takes the teacher's action and has it judged; `control-sharing-switched` is tried by the action
+of whoever is in control more often; `isabl-held` holds its policy for an episode. The advice of `pies` weighs
+nothing from the 100th episode on, its last one with the authors' D = 100."""
 
 
 def total_name(what: str, episodes: int) -> str:
@@ -97,7 +109,7 @@ def conditions(
         Condition(
             teacher,
             SessionConfig("learners", world, variant.method, variant.parameters, CHECKPOINTS[-1]),
-            {"teacher": persona_named(teacher)},
+            {"teacher": persona_named(teacher, variant.teacher)},
             CHECKPOINTS,
             name,
         )

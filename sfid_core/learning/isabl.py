@@ -9,11 +9,11 @@ is independent of lambda, so one number, the worth of silence, carries an iterat
 from typing import Annotated, NamedTuple
 
 from sfid_core.compiled import kernel
-from sfid_core.learning.choices import choose_explored, softmax_at
+from sfid_core.learning.choices import explored, most_in_block, softmax_at
 from sfid_core.learning.elementary import exp, log
-from sfid_core.learning.kernels import Evidence, Learned, Memory, Transition
+from sfid_core.learning.kernels import Draws, Evidence, Learned, Memory, Transition
 from sfid_core.learning.method import Method
-from sfid_core.learning.parameters import GAMMA, Range
+from sfid_core.learning.parameters import GAMMA, Choice, Range
 from sfid_core.learning.sabl import ERROR
 from sfid_core.teaching.answers import AnswerKind
 
@@ -26,6 +26,9 @@ PRAISED, BLAMED, SILENT, SILENT_RIGHT, WORTH, ANSWER_WORTH, TABLES = range(7)
 add to a score; then tables over the grid: ln(1 - mu), ln p(0 | right), ln p(0 | wrong)."""
 RIGHT = TABLES + GRID
 WRONG = RIGHT + GRID * GRID
+ACTED = 3
+"""Block of the scores that are acted on where the policy is held for an episode."""
+EPISODE = 1
 ITERATIONS = 100
 """Most iterations after one step; lambda is fixed long before."""
 
@@ -39,11 +42,16 @@ class ISablParameters(NamedTuple):
     """epsilon: the probability that the teacher judges an action wrongly; the true one, or more."""
     explore: Annotated[float, Range(0, 1, source="Loftin et al. 2016: the error rate")] = 0.2
     """Probability of a random action."""
+    update: Annotated[int, Choice(("step", "episode"))] = 0
+    """When the agent acts on what it learnt: at once, or from the next episode on, its policy held meanwhile.
+    Held, it stays in a circle until the episode ends, so a teacher who errs costs it many more steps."""
 
 
 @kernel
 def begin(m: Memory, p: ISablParameters, episode: int) -> None:
-    """Fill the tables over the grid before the first episode."""
+    """Fill the tables over the grid before the first episode; hold the policy for this one."""
+    if p.update == EPISODE:
+        hold(m)
     if episode > 0:
         return
     m.scalars[ANSWER_WORTH] = log((1.0 - p.error) / p.error)
@@ -56,6 +64,22 @@ def begin(m: Memory, p: ISablParameters, episode: int) -> None:
             wrong = p.error * praise_silence + (1.0 - p.error) * blame_silence
             m.scalars[RIGHT + i * GRID + j] = log(right)
             m.scalars[WRONG + i * GRID + j] = log(wrong)
+
+
+@kernel
+def hold(m: Memory) -> None:
+    """Copy the scores of every state to the block that is acted on."""
+    for row in range(0, len(m.values), m.width):
+        if m.values[row + m.width - 1] > 0.0:
+            for at in range(row, row + m.actions):
+                m.values[at + ACTED * m.actions] = m.values[at]
+
+
+@kernel
+def choose(m: Memory, p: ISablParameters, draws: Draws, state: int, decision: int) -> int:
+    """Return the most likely action, ties at random; with probability `explore` any action."""
+    block = ACTED if p.update == EPISODE else 0
+    return explored(m, p.explore, draws, decision, most_in_block(m, draws, state, decision, block))
 
 
 @kernel
@@ -159,9 +183,9 @@ ISABL = Method(
     source="Loftin et al. 2014, 2016, after the authors' code",
     parameters=ISablParameters,
     learn=learn,
-    choose=choose_explored,
+    choose=choose,
     begin=begin,
     asks_after=AnswerKind.REWARD,
-    blocks=3,
+    blocks=4,
     scalars=WRONG + GRID * GRID,
 )

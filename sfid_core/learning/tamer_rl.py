@@ -33,6 +33,8 @@ WEIGHT = MODEL_SCALARS
 """Scalar: B, the weight of the teacher's model."""
 APART = 1 << 40
 """How far from the draws of exploration those of control sharing are read."""
+IN_CONTROL = 1
+HALF = 0.5
 ACTION_BIASING, CONTROL_SHARING, Q_AUGMENTATION, REWARD_SHAPING = range(4)
 
 
@@ -70,6 +72,9 @@ class TamerRLParameters(NamedTuple):
     """Share of H(s, a) that one silent step takes away, with silence `decay`."""
     explore: Annotated[float, RATE] = 0.1
     """epsilon: probability of a random action. Knox's mountain car: 0.00625 * 0.99**episode; 0.1 is ours."""
+    alone: Annotated[int, Choice(("shared", "in-control"))] = 0
+    """What the policy of control sharing is, the teacher gone: the most probable action of the two that
+    share it, or that of whoever is in control more often than not: of Q alone once B is below 1/2."""
 
 
 @kernel
@@ -104,12 +109,18 @@ def choose(m: Memory, p: TamerRLParameters, draws: Draws, state: int, decision: 
 
 @kernel
 def prefer(m: Memory, p: TamerRLParameters, state: int, action: int) -> float:
-    """Return Q + B * H; under reward shaping Q; under control sharing the probability of the action."""
+    """Return Q + B * H; under reward shaping Q; under control sharing as `alone` says.
+
+    `shared`: the probability of the action, which from B = 1/2 on is first a matter of H. `in-control`: the
+    same, but Q below B = 1/2.
+    """
     at = state * m.width
     if p.technique == REWARD_SHAPING:
         return m.values[at + action]
     if p.technique == CONTROL_SHARING:
         shared = min(m.scalars[WEIGHT], 1.0)
+        if p.alone == IN_CONTROL and shared < HALF:
+            return m.values[at + action]
         return shared * greedy_share_of(m, at + m.actions, action) + (1.0 - shared) * greedy_share_of(
             m, at, action
         )

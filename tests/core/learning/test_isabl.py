@@ -105,3 +105,15 @@ def test_increments_come_to_the_fixed_point_of_whole_histories() -> None:
         pupil.do(b"%d" % state, action, 0.0, rewards(said) if said else (), S1)
     for state, scores in fixed_policy(steps).items():
         assert pupil.values(b"%d" % state) == pytest.approx(scores, abs=1e-6)
+
+
+def test_a_policy_that_is_held_for_an_episode_acts_on_what_was_learnt_before_it() -> None:
+    held, at_once = (Pupil("isabl", explore=0.0, update=update) for update in ("episode", "step"))
+    for pupil in (held, at_once):
+        pupil.do(S0, UP, 0.0, rewards(1.0), S1)
+    assert held.values(S0) == at_once.values(S0) == pytest.approx([0, 0, math.log(4), 0])
+    assert {held.choose(S0, decision) for decision in range(40)} == {0, 1, 2, 3}
+    assert {at_once.choose(S0, decision) for decision in range(40)} == {UP}
+    held.begin(1)
+    assert {held.choose(S0, decision) for decision in range(40)} == {UP}
+    assert {held.choose(S2, decision) for decision in range(40)} == {0, 1, 2, 3}

@@ -57,6 +57,22 @@ def test_control_sharing_hands_the_wheel_to_the_model_with_the_probability_of_it
     assert chosen.count(LEFT) == pytest.approx(333, abs=80)
 
 
+def test_control_sharing_without_the_teacher_may_be_the_policy_of_whoever_is_in_control() -> None:
+    """Q(s0, .) = (0, 0, 1/2, 0), H(s0, .) = (0, 0, -1/4, 0), B = 1, 1/2, 1/4: probabilities, then Q."""
+    pupil = Pupil(
+        "tamer-rl", technique="control-sharing", weight=1.0, anneal=0.5, explore=0.0, alone="in-control"
+    )
+    pupil.values(S0)
+    pupil.memory.values[2], pupil.memory.values[6] = 0.5, -0.25
+    found = []
+    for episode in range(3):
+        pupil.begin(episode)
+        found.append(pupil.values(S0))
+    assert found[0] == pytest.approx([1 / 3, 1 / 3, 0, 1 / 3])
+    assert found[1] == pytest.approx([1 / 6, 1 / 6, 1 / 2, 1 / 6])
+    assert found[2] == (0, 0, 0.5, 0)
+
+
 def test_reward_shaping_adds_the_weighed_model_to_the_reward() -> None:
     """1. Eq. 4: 0 + 2 * 0.5 + 0.5 * 0 - 0 = 1.  Q(s0, UP) = 0.5
     2. 4 + 2 * 0 - 0 = 4.  Q(s1, LEFT) = 2
