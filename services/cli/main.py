@@ -15,6 +15,7 @@ from services.cli import (
     catalogue,
     crowd,
     demo,
+    doctor,
     experiment,
     export,
     forget,
@@ -73,6 +74,7 @@ def common(
 
 for group in (
     demo,
+    doctor,
     up,
     serve,
     aggregate,
