@@ -72,6 +72,15 @@ class Kind(Enum):
 Distance = Annotated[int, msgspec.Meta(ge=-1)]
 
 
+_ANSWER_ROW: type[tuple[str, str, bytes]] = tuple[str, Text, bytes]
+_STEP_ROW: type[tuple[int, float, str, bytes, str, int | None, int]] = tuple[
+    Count, Finite, str, StateKey, View, Nanoseconds | None, Distance
+]
+_WHOLE_STEP_ROW: type[tuple[int, float, str, bytes, str, int | None, int, int, int]] = tuple[
+    Count, Finite, str, StateKey, View, Nanoseconds | None, Distance, Distance, Distance
+]
+
+
 class Record(NamedTuple):
     """What the fold needs of a journal row."""
 
@@ -92,7 +101,7 @@ def answer_body(code: AnswerCode, reason: str, answer: bytes) -> bytes:
 
 def read_answer_body(body: bytes) -> tuple[AnswerCode, str, bytes]:
     """Return (code, reason, answer payload) of an answer's row; raise DecodeError when it is none."""
-    code, reason, answer = _read("answer", body, tuple[str, Text, bytes])
+    code, reason, answer = _read("answer", body, _ANSWER_ROW)
     try:
         return AnswerCode(code), reason, answer
     except ValueError as error:
@@ -144,12 +153,9 @@ def read_step_body(body: bytes) -> tuple[StepTaken, int | None]:
     """Return a transition and the closing by the clock that led to it; raise DecodeError when it is none."""
     followed = (-1, -1)
     try:
-        taken = _read("step", body, tuple[Count, Finite, str, StateKey, View, Nanoseconds | None, Distance])
+        taken = _read("step", body, _STEP_ROW)
     except DecodeError:
-        whole = _read(
-            "step", body,
-            tuple[Count, Finite, str, StateKey, View, Nanoseconds | None, Distance, Distance, Distance],
-        )  # fmt: skip
+        whole = _read("step", body, _WHOLE_STEP_ROW)
         taken, followed = whole[:7], whole[7:]
     decision, reward, outcome, state, view, elapsed_at_ns, distance = taken
     event = StepTaken(decision, reward, Outcome(outcome), state, view, distance, *followed)
@@ -211,21 +217,31 @@ def _apply(folded: Folded, record: Record, actions: tuple[str, ...], numbers: di
         if _read(record.kind, record.body, tuple[Count, Count, str])[2] != folded.session.learner.sha256():
             folded.mismatches.append(folded.session.decision)
         return
+    if record.kind == _ANSWER:  # its body is read once, for what was said and for what was told
+        code, _, payload = read_answer_body(record.body)
+        effects = _happened(folded, record.at_ns, answer_given(decode(payload, Answer), numbers))
+        if code is not _told(effects):
+            folded.mismatches.append(folded.session.decision)
+        return
     for at_ns, event in events_of(record, numbers):
-        folded.events += 1
-        if isinstance(event, EpisodeBegan):
-            folded.actions_taken.clear()
-        elif isinstance(event, StepTaken):
+        if isinstance(event, StepTaken):
             taken = folded.session.action if event.action < 0 else event.action
             folded.actions_taken.append(named(taken, actions))
-        done = len(folded.session.episodes)
-        _, effects = advance(folded.session, at_ns, event)
-        if record.kind == Kind.ANSWER.value and read_answer_body(record.body)[0] is not _told(effects):
-            folded.mismatches.append(folded.session.decision)
-        if isinstance(event, TeacherJoined):
+        elif isinstance(event, EpisodeBegan):
+            folded.actions_taken.clear()
+        elif isinstance(event, TeacherJoined):
             folded.known.add(event.teacher)
-        if len(folded.session.episodes) > done:
-            folded.episodes_at.append((at_ns, folded.session.decision, folded.session.episodes[-1]))
+        _happened(folded, at_ns, event)
+
+
+def _happened(folded: Folded, at_ns: int, event: Event) -> tuple[Effect, ...]:
+    session = folded.session
+    folded.events += 1
+    done = len(session.episodes)
+    _, effects = advance(session, at_ns, event)
+    if len(session.episodes) > done:
+        folded.episodes_at.append((at_ns, session.decision, session.episodes[-1]))
+    return effects
 
 
 def _told(effects: tuple[Effect, ...]) -> AnswerCode | None:
@@ -235,9 +251,9 @@ def _told(effects: tuple[Effect, ...]) -> AnswerCode | None:
 def events_of(record: Record, numbers: dict[str, int]) -> Iterator[tuple[int, Event]]:
     """Yield the (at_ns, event) of a row in order; rows that are no events yield nothing."""
     kind, at_ns, body = record
-    if kind == Kind.ANSWER.value:
+    if kind == _ANSWER:
         yield at_ns, answer_given(decode(read_answer_body(body)[2], Answer), numbers)
-    elif kind == Kind.STEP.value:
+    elif kind == _STEP:
         taken, elapsed_at_ns = read_step_body(body)
         if elapsed_at_ns is not None:
             yield elapsed_at_ns, WindowElapsed()
@@ -248,6 +264,7 @@ def events_of(record: Record, numbers: dict[str, int]) -> Iterator[tuple[int, Ev
         yield at_ns, _small_event(Kind(kind), body)
 
 
+_ANSWER, _STEP = Kind.ANSWER.value, Kind.STEP.value
 _NO_EVENT = {Kind.DIGEST.value, Kind.CONFLICT.value, Kind.CREATED.value}
 
 

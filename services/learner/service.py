@@ -89,11 +89,8 @@ class Learner:
         """Rebuild every session from the journal and take up its thread; then serve."""
         started_ns = self.at_ns()
         for name in self.shard.sessions():
-            rows = (
-                Record(row.kind, row.at_ns, row.body) for row in self.shard.rows(name) if row.body is not None
-            )
             try:
-                folded = fold(rows)
+                folded = fold(map(Record._make, self.shard.events(name)))
             except (DecodeError, ParameterError) as error:
                 message = f"session {name}: its journal cannot be read by this version ({error})"
                 raise JournalError(message) from None

@@ -8,18 +8,22 @@ equal in both files.
 from __future__ import annotations
 
 import sqlite3
+import threading
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import cast
 
 from protocol.framing import Frame, is_torn_tail
-from services.runtime.journal.chain import BrokenChainError, Record, decode_group, genesis, proven
+from services.runtime.journal.chain import BrokenChainError, Prover, Record, decode_group, genesis
 from services.runtime.journal.errors import JournalError, JournalNewer
 from services.runtime.journal.mirror import TITLE_FRAME_BYTES, MirrorReader
-from services.runtime.journal.store import SCHEMA, SQLITE_NAME, Head, open_read_only, read_head, read_records
+from services.runtime.journal.store import SCHEMA, SQLITE_NAME, Head, open_read_only, read_head, read_tuples
 
 LABEL_KIND = "answer"
+THREAD_BYTES = 16 * 2**20
+"""A smaller file is checked sooner than a thread is started."""
 
 
 @dataclass(slots=True)
@@ -53,6 +57,7 @@ class Audit:
     mirror_end: int = TITLE_FRAME_BYTES
     torn_bytes: int = 0
     problems: list[str] = field(default_factory=list)
+    prover: Prover | None = None
 
     def take(self, record: Record, mirrored: bytes | None = None, at: int = 0) -> bytes:
         """Prove the next row, also against `mirrored` at `at`; return its canonical bytes.
@@ -60,15 +65,18 @@ class Audit:
         Raises:
             BrokenChainError: it does not follow, or is not what stands in `mirrored`.
         """
-        encoded = proven(self.chain, record)
-        if record.seq != self.seq + 1 or (mirrored is not None and not mirrored.startswith(encoded, at)):
-            raise BrokenChainError(record.seq)
-        self.seq = record.seq
-        self.chain = record.chain
-        self.sessions.add(record.session)
-        if record.kind == LABEL_KIND:
+        if self.prover is None:
+            self.prover = Prover(self.chain)
+        encoded = self.prover.prove(record)
+        seq = record[0]
+        if seq != self.seq + 1 or (mirrored is not None and not mirrored.startswith(encoded, at)):
+            raise BrokenChainError(seq)
+        self.seq = seq
+        self.chain = self.prover.chain
+        self.sessions.add(record[1])
+        if record[2] == LABEL_KIND:
             self.labels += 1
-            self.erased += record.body is None
+            self.erased += record[7] is None
         return encoded
 
 
@@ -85,8 +93,12 @@ def audit(directory: Path, *, live: bool) -> Audit:
     found = Audit()
     try:
         with closing(open_read_only(directory, live=live)) as db:
-            _compare(found, directory, db, live=live)
-            found.problems += structure_problems(db)
+            structure = _Structure(directory, db, live=live)
+            try:
+                _compare(found, directory, db, live=live)
+            finally:
+                problems = structure.problems()
+            found.problems += problems
     except JournalNewer:
         raise
     except JournalError as error:
@@ -96,6 +108,34 @@ def audit(directory: Path, *, live: bool) -> Audit:
             f"{directory / SQLITE_NAME}: {error}; opening the shard repairs it from the mirror"
         )
     return found
+
+
+class _Structure:
+    """The check of schema and indexes; of a large file on a thread of its own, beside the walk over rows."""
+
+    def __init__(self, directory: Path, db: sqlite3.Connection, *, live: bool) -> None:
+        self._directory, self._db, self._live = directory, db, live
+        self._found: list[str] | sqlite3.Error | JournalError = []
+        self._thread: threading.Thread | None = None
+        if (directory / SQLITE_NAME).stat().st_size > THREAD_BYTES:
+            self._thread = threading.Thread(target=self._check, name="journal-structure")
+            self._thread.start()
+
+    def problems(self) -> list[str]:
+        """Return what is wrong, once all was looked at; raises sqlite3.Error or JournalError."""
+        if self._thread is None:
+            return structure_problems(self._db)
+        self._thread.join()
+        if isinstance(self._found, Exception):
+            raise self._found
+        return self._found
+
+    def _check(self) -> None:
+        try:
+            with closing(open_read_only(self._directory, live=self._live)) as db:
+                self._found = structure_problems(db)
+        except (sqlite3.Error, JournalError) as error:
+            self._found = error
 
 
 def structure_problems(db: sqlite3.Connection) -> list[str]:
@@ -114,7 +154,8 @@ def _compare(found: Audit, directory: Path, db: sqlite3.Connection, *, live: boo
     head = found.head = read_head(db, directory / SQLITE_NAME)
     (last,) = db.execute("SELECT coalesce(max(seq), 0) FROM rows").fetchone()
     db.execute("COMMIT")
-    records = read_records(db, None, 0, head.seq)
+    # Rows stay the plain tuples that SQLite made: there may be millions, and only their places are looked at.
+    records = cast("Iterator[Record]", read_tuples(db, None, 0, head.seq))
     # Opened after the head was read: all but SQLite's last commit was in the mirror by then.
     with MirrorReader(directory) as mirror:
         if mirror.shard_id != head.shard_id or last != head.seq or not 0 <= head.seq_before <= last:

@@ -21,6 +21,7 @@ _PERSON = struct.Struct("<H")
 _NOBODY = 0xFFFF
 _NOBODY_PACKED = _PERSON.pack(_NOBODY)
 _sha256 = hashlib.sha256
+_NAMES_KEPT = 4096
 
 
 class Row(NamedTuple):
@@ -112,24 +113,58 @@ def proven(prev: bytes, record: Record) -> bytes:
     Raises:
         BrokenChainError: the row, or what stands where a row should be, does not hold.
     """
-    seq, session, kind, at_ns, unique, person, salt, body, seal, chain = record
-    try:
-        public = _public(seq, session, kind, at_ns, unique)
-        if body is None:
-            secret = b""
-            sealed = salt is None and person is None and len(seal) == HASH_BYTES
-        else:
-            secret = (salt or b"") + _private(person, body)
-            sealed = salt is not None and len(salt) == SALT_BYTES and _sha256(secret).digest() == seal
-        if not sealed:
-            raise BrokenChainError(seq)
-        if _sha256(prev + public + seal).digest() != chain:
-            raise BrokenChainError(seq)
-    # A damaged file can hand back any type in any column.
-    except (TypeError, AttributeError, ValueError) as error:
-        raise BrokenChainError(seq) from error
-    size = _SIZE.pack(len(public) + 2 * HASH_BYTES + len(secret))
-    return b"".join((size, public, seal, chain, secret))
+    return Prover(prev).prove(record)
+
+
+class Prover:
+    """Proves rows one after the other; a name that comes again is not encoded again.
+
+    Attributes:
+        chain: the chain value of the last row that was proven.
+    """
+
+    def __init__(self, chain: bytes) -> None:
+        """Go on behind the row whose chain value is `chain`."""
+        self.chain = chain
+        self._names: dict[tuple[str, str], tuple[int, int, bytes]] = {}
+        self._persons: dict[str | None, bytes] = {None: _NOBODY_PACKED}
+
+    def prove(self, record: Record) -> bytes:
+        """Return the canonical bytes of the next row; BrokenChainError when it does not hold."""
+        seq, session, kind, at_ns, unique, person, salt, body, seal, chain = record
+        try:
+            sizes = self._names.get((session, kind)) or self._learn(session, kind)
+            identity = unique or b""
+            head = _PUBLIC.pack(seq, at_ns, sizes[0], sizes[1], len(identity))
+            public = b"".join((head, sizes[2], identity))
+            if body is None:
+                secret = b""
+                sealed = salt is None and person is None and len(seal) == HASH_BYTES
+            else:
+                name = self._persons.get(person) or self._learn_person(person)
+                secret = b"".join((salt or b"", name, body))
+                sealed = salt is not None and len(salt) == SALT_BYTES and _sha256(secret).digest() == seal
+            if not sealed or _sha256(b"".join((self.chain, public, seal))).digest() != chain:
+                raise BrokenChainError(seq)
+        # A damaged file can hand back any type in any column.
+        except (TypeError, AttributeError, ValueError, struct.error) as error:
+            raise BrokenChainError(seq) from error
+        self.chain = chain
+        size = _SIZE.pack(len(public) + 2 * HASH_BYTES + len(secret))
+        return b"".join((size, public, seal, chain, secret))
+
+    def _learn(self, session: str, kind: str) -> tuple[int, int, bytes]:
+        if len(self._names) >= _NAMES_KEPT:
+            self._names.clear()
+        name, sort = session.encode(), kind.encode()
+        found = self._names[session, kind] = (len(name), len(sort), name + sort)
+        return found
+
+    def _learn_person(self, person: str | None) -> bytes:
+        if len(self._persons) >= _NAMES_KEPT:
+            self._persons = {None: _NOBODY_PACKED}
+        found = self._persons[person] = _private(person, b"")
+        return found
 
 
 def rechained(prev: bytes, record: Record) -> Record:

@@ -193,6 +193,20 @@ class Shard:
             if record.seq > after_seq and session in (None, record.session):
                 yield record.row
 
+    def events(self, session: str) -> Iterator[tuple[str, int, bytes]]:
+        """Yield (kind, at_ns, body) of a session's rows that have a body, in order, as `rows` shows them.
+
+        Several times faster than `rows`, for those who rebuild a long session.
+        """
+        amendments, pending = self._amendments, tuple(self._group.records)
+        for seq, kind, at_ns, stored in self._store.events(session, self._head.seq):
+            body = amendments.get(seq) if stored is None else stored
+            if body is not None and kind != AMENDED_KIND:
+                yield kind, at_ns, body
+        for record in pending:
+            if record.session == session and record.body is not None:
+                yield record.kind, record.at_ns, record.body
+
     def erase(
         self, by_session: Mapping[str, Amendments], *, at_ns: int, renamed: Mapping[str, str] | None = None
     ) -> int:

@@ -6,7 +6,7 @@ import os
 import sqlite3
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from services.runtime.journal.amend import AMENDED_KIND
 from services.runtime.journal.chain import Record, genesis
@@ -42,6 +42,10 @@ _FIND = f"{_SELECT} WHERE session = ? AND answer_id = ? AND answer_id IS NOT NUL
 _WITHIN = f"seq > ? AND seq <= ? ORDER BY seq LIMIT {BATCH_ROWS}"
 _PAGE = f"{_SELECT} WHERE {_WITHIN}"
 _PAGE_OF_SESSION = f"{_SELECT} INDEXED BY rows_session WHERE session = ? AND {_WITHIN}"
+_EVENTS = (
+    "SELECT seq, kind, at_ns, body FROM rows INDEXED BY rows_session "  # noqa: S608 - constants
+    f"WHERE session = ? AND {_WITHIN}"
+)
 _AMENDED = "SELECT seq, session, body FROM rows WHERE kind = ? AND body IS NOT NULL ORDER BY seq"
 _HEAD = "shard_id, epoch, seq, chain, seq_before"
 _FIRST_HEAD = f"INSERT INTO head (one, {_HEAD}) VALUES (1, ?, ?, ?, ?, ?)"  # noqa: S608 - constants
@@ -134,6 +138,17 @@ class Store:
         """Yield committed rows in order."""
         with translated(self.path):
             yield from read_records(self._db, session, after_seq, through_seq)
+
+    def events(self, session: str, through_seq: int) -> Iterator[tuple[int, str, int, bytes | None]]:
+        """Yield (seq, kind, at_ns, body) of a session's committed rows in order."""
+        after_seq = 0
+        with translated(self.path):
+            while True:
+                batch = self._db.execute(_EVENTS, (session, after_seq, through_seq)).fetchall()
+                yield from batch
+                if len(batch) < BATCH_ROWS:
+                    return
+                after_seq = batch[-1][0]
 
     def amended_rows(self) -> list[tuple[int, str, bytes]]:
         """Return (seq, session, body) of the rows that say what is read in place of erased ones."""
@@ -235,12 +250,19 @@ def read_records(
     db: sqlite3.Connection, session: str | None, after_seq: int, through_seq: int
 ) -> Iterator[Record]:
     """Yield rows in order, a batch a statement; raises sqlite3.Error."""
+    return map(Record._make, read_tuples(db, session, after_seq, through_seq))
+
+
+def read_tuples(
+    db: sqlite3.Connection, session: str | None, after_seq: int, through_seq: int
+) -> Iterator[tuple[Any, ...]]:
+    """Yield rows as SQLite returns them, otherwise as `read_records`."""
     while True:
         if session is None:
             batch = db.execute(_PAGE, (after_seq, through_seq)).fetchall()
         else:
             batch = db.execute(_PAGE_OF_SESSION, (session, after_seq, through_seq)).fetchall()
-        yield from map(Record._make, batch)
+        yield from batch
         if len(batch) < BATCH_ROWS:
             return
         after_seq = batch[-1][0]
