@@ -1,9 +1,8 @@
 """`sfid teach keyboard|scripted|crowd`: one teacher, or a simulated crowd of them."""
 
-from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -34,7 +33,9 @@ teach_app = typer.Typer(
 SessionOption = Annotated[str, typer.Option(help="Session to teach.")]
 TokenFile = Annotated[
     Path | None,
-    typer.Option(help="File with a token, or with what `sfid invite --name` printed, where one is required."),
+    typer.Option(
+        help="File of `sfid keys new`, or with what `sfid invite --name` printed, where one is required."
+    ),
 ]
 NameOption = Annotated[str, typer.Option(help="Pseudonym of the teacher: a-z, 0-9, - and _.")]
 
@@ -53,10 +54,11 @@ def _names(session: str, name: str, deployment: str) -> Keys:
         raise CommandError(str(error)) from None
 
 
-def _token(path: Path | None) -> str | None:
-    from services.teachers.token_file import read_token
+def _token(path: Path | None) -> dict[str, Any]:
+    """Return the token, and the key that proves the learner, as fields of a teacher's configuration."""
+    from services.teachers.token_file import read_check_key, read_token
 
-    return None if path is None else read_token(path)
+    return {} if path is None else {"token": read_token(path), "check_key": read_check_key(path)}
 
 
 @teach_app.command()
@@ -90,7 +92,7 @@ def scripted(  # noqa: PLR0917 - one argument a flag
     process = ServiceProcess(ProcessConfig(f"teacher-{name}", supervised_fd, verbose))
     config = ScriptedConfig(
         session=session, teacher=name, seed=seed, parameters=faults, delay_ms=delay_ms,
-        deployment=keys.deployment, token=_token(token_file),
+        deployment=keys.deployment, **_token(token_file),
     )  # fmt: skip
     bus = service_bus(connect, process.stop, teaching_role(deployment), access)
     try:
@@ -118,7 +120,7 @@ def keyboard(
     bus = connected_bus(connect, teaching_role(deployment), access, CONNECT_TIMEOUT_MS)
     try:
         config = KeyboardConfig(
-            session=session, teacher=name, deployment=keys.deployment, outbox=outbox, token=token
+            session=session, teacher=name, deployment=keys.deployment, outbox=outbox, **token
         )
         raise typer.Exit(run(config, bus))
     finally:

@@ -9,14 +9,15 @@ ACTIONS: dict[str, tuple[str, ...]] = {
     "Blackjack": ("STICK", "HIT"),
     "MiniGrid": ("LEFT", "RIGHT", "FORWARD", "PICKUP", "DROP", "TOGGLE", "DONE"),
     "BabyAI": ("LEFT", "RIGHT", "FORWARD", "PICKUP", "DROP", "TOGGLE", "DONE"),
-    "sfid/Sokoban": ("LEFT", "RIGHT", "UP", "DOWN"),
+    "Sokoban": ("LEFT", "RIGHT", "UP", "DOWN"),
 }
-"""By the id without its version, or by the part before its first hyphen."""
+"""By the id without its namespace and version, or by the part of that before its first hyphen."""
 
 
 def action_names(environment: str, count: int) -> tuple[str, ...]:
     """Return the names of `count` (1 or more) actions by index; ACTION_0 and so on where nobody knows."""
-    for name in (environment.rpartition("-v")[0] or environment, environment.partition("-")[0]):
+    own = environment.rpartition("/")[2]
+    for name in (own.rpartition("-v")[0] or own, own.partition("-")[0]):
         known = ACTIONS.get(name)
         if known is not None and len(known) == count:
             return known

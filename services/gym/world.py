@@ -42,8 +42,11 @@ def make(environment: str, options: dict[str, Any], render: str) -> Any:  # noqa
         import gymnasium  # noqa: PLC0415 - an extra, and slow to import
     except ImportError:
         raise GymError("Gymnasium is not installed: install sfid[gym]") from None
+    from services.gym.registration import register_installed  # noqa: PLC0415 - as above
+
     with faults(environment), warnings.catch_warnings():
         warnings.simplefilter("ignore")
+        register_installed()
         mode = _render_mode(gymnasium.spec(environment), render)
         return gymnasium.make(
             environment, max_episode_steps=-1, disable_env_checker=True, render_mode=mode, **options

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from services.monitor import tiles
+from services import tiles
 from services.monitor.doubts import Doubtful, Doubts
 from services.monitor.png import encode_palette_png
 from services.monitor.rows import Arrow, Document, Moment, Picture

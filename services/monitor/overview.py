@@ -7,7 +7,8 @@ from math import isnan
 import numpy as np
 import numpy.typing as npt
 
-from services.monitor import font, tiles
+from services import tiles
+from services.monitor import font
 from services.monitor.png import encode_palette_png
 from services.monitor.rows import Colour, Moment, Picture
 from services.monitor.scene import TEACHER_COLOURS, ViewError, read_view

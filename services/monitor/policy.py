@@ -4,7 +4,7 @@ from collections import OrderedDict
 
 import numpy as np
 
-from services.monitor import tiles
+from services import tiles
 from services.monitor.png import encode_palette_png
 from services.monitor.rows import Arrow, Moment, Picture
 from sfid_core.sokoban.actions import ACTIONS

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from protocol.messages import Decision, SaidBy, Step
-from services.monitor import tiles
+from services import tiles
 from services.monitor.png import encode_palette_png
 from services.monitor.rows import Arrow, Colour, Moment, Picture
 from sfid_core.sokoban.actions import Action

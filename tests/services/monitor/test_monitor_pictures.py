@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from protocol.messages import SaidBy, Step
-from services.monitor import tiles
+from services import tiles
 from services.monitor.png import encode_palette_png
 from services.monitor.rows import Moment
 from services.monitor.scene import (
