@@ -50,6 +50,8 @@ def load(file: Path) -> StudyFile:
         found = read_study(file, find_level)
     except StudyError as error:
         raise CommandError(str(error)) from None
+    except CommandError as error:  # a level that is not there
+        raise CommandError(f"{file}: {error}") from None
     for lesson in (found.study.practice, found.study.teaching):
         if lesson is not None:
             check_starts(lesson.level_name, parse_levels(lesson.level)[0], lesson.starts, found.study.seed)
@@ -78,10 +80,18 @@ def run(
     file: File,
     data: Data = None,
     listen: Annotated[str | None, typer.Option(help="HOST:PORT of the page; overrides the file.")] = None,
+    rehearsal: Annotated[
+        bool, typer.Option("--rehearsal", help="Run although the consent is not finished: for yourselves.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Start router, environment, learner and page; print the participants' link; serve until stopped."""
     found = load(file)
+    if found.unfinished and not rehearsal:
+        raise CommandError(
+            f"{file}: the consent still says {found.unfinished!r}: say whom participants can ask, "
+            "or try it among yourselves with --rehearsal"
+        )
     where = data or found.data
     deployed = launch.Deployed(where, free_endpoint(), DEPLOYMENT)
     try:

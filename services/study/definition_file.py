@@ -14,6 +14,7 @@ from sfid_core.learning.methods import method_parameters
 from sfid_core.learning.parameters import ParameterError
 from sfid_core.session.config import Window, WindowMode
 from sfid_core.sokoban.board import Level
+from sfid_core.sokoban.levels import LevelError
 from sfid_core.sokoban.starts import Starts, WorldError
 from sfid_core.study.definition import (
     Condition,
@@ -109,6 +110,11 @@ class StudyFile:
     """How long it is good."""
     page: _Page
 
+    @property
+    def unfinished(self) -> str:
+        """What is still to be written before people are asked, or nothing."""
+        return PLACEHOLDER if PLACEHOLDER in self.study.consent.text else ""
+
 
 def read_study(path: Path, find_level: FindLevel) -> StudyFile:
     """Return the study in a file. Raises StudyError: one line, what is wrong, where, and the mend."""
@@ -125,7 +131,7 @@ def read_study(path: Path, find_level: FindLevel) -> StudyFile:
         raise StudyError(f"{path}: {error}: `sfid study new` writes a file with every key") from None
     try:
         study = _study(file, find_level)
-    except (StudyError, ParameterError, WorldError) as error:
+    except (StudyError, ParameterError, WorldError, LevelError) as error:
         raise StudyError(f"{path}: {error}") from None
     return StudyFile(study, Path(file.data), file.people, file.days, file.page)
 
@@ -175,6 +181,8 @@ def _named(kind: type[E], value: str, key: str) -> E:
         raise StudyError(f"{key} {value!r} is unknown: choose one of {known}") from None
 
 
+PLACEHOLDER = "WRITE A NAME AND AN ADDRESS HERE"
+"""Whom participants can ask: a consent that still says this is nobody's."""
 TEMPLATE = '''\
 # A study with people. `sfid study run` starts it and prints the participants' link.
 name = "NAME"                    # of the study: a-z, 0-9, - and _, at most 24
@@ -199,7 +207,7 @@ anything that says who you are.
 
 Taking part is voluntary. You can stop at any moment, without giving a reason, and have your answers deleted.
 
-Questions: WRITE A NAME AND AN ADDRESS HERE.
+Questions: PLACEHOLDER.
 """
 
 [[conditions]]                   # 1 to 8 of them; the first is what the others are compared with
@@ -242,4 +250,5 @@ listen = "127.0.0.1:7480"        # HOST:PORT of the page
 
 def template(name: str) -> str:
     """Return the text of a new file."""
-    return TEMPLATE.replace("NAME", name, 1).replace("sfid-data/NAME", f"sfid-data/{name}")
+    text = TEMPLATE.replace("NAME", name, 1).replace("sfid-data/NAME", f"sfid-data/{name}")
+    return text.replace("PLACEHOLDER", PLACEHOLDER)

@@ -11,8 +11,10 @@ import pytest
 from typer.testing import CliRunner
 
 from protocol.messages import CreateSession
+from services.cli.failure import CommandError
 from services.cli.level_files import find_level
 from services.cli.main import app
+from services.cli.study import load
 from services.operator import OperatorError
 from services.runtime.clock import ManualClock
 from services.runtime.journal import verify
@@ -60,7 +62,7 @@ def opened(folder: Path, **fields: Any) -> tuple[StudyFlow, Book, FakeSessions]:
     return StudyFlow(book, sessions), book, sessions  # type: ignore[arg-type]
 
 
-def test_the_template_is_a_whole_study_that_can_be_run_as_it_is(tmp_path: Path) -> None:
+def test_the_template_is_a_whole_study_but_for_whom_participants_can_ask(tmp_path: Path) -> None:
     path = tmp_path / "My Study.toml"
     result = CliRunner().invoke(app, ["study", "new", str(path)])
     assert result.exit_code == 0, result.output
@@ -70,9 +72,22 @@ def test_the_template_is_a_whole_study_that_can_be_run_as_it_is(tmp_path: Path) 
         ["sfid", "reward"],
     )
     assert found.study.practice is not None
+    assert found.unfinished in found.study.consent.text
+    with pytest.raises(CommandError, match="say whom participants can ask"):
+        CliRunner().invoke(app, ["study", "run", str(path)], catch_exceptions=False)
+    path.write_text(path.read_text().replace(found.unfinished, "Ann Example, room 7"))
+    assert read_study(path, find_level).unfinished == ""
     assert all(len(line) <= 110 for line in template("x").splitlines())
     with pytest.raises(Exception, match="exists: name another"):
         CliRunner().invoke(app, ["study", "new", str(path)], catch_exceptions=False)
+
+
+def test_a_level_that_is_not_there_is_told_with_the_file_that_names_it(tmp_path: Path) -> None:
+    path = tmp_path / "maze.toml"
+    CliRunner().invoke(app, ["study", "new", str(path)])
+    path.write_text(path.read_text().replace('level = "room"', 'level = "rooom"'))
+    with pytest.raises(CommandError, match=f"^{path}: no level 'rooom'"):
+        load(path)
 
 
 @pytest.mark.parametrize(
