@@ -5,7 +5,7 @@ Those that come with every step are named tuples, which are made three times fas
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, cast
 
 from sfid_core.session.measures import EpisodeMeasures, StepMeasures
 
@@ -27,8 +27,8 @@ class AnswerCode(Enum):
     CONFLICT = "conflict"
     """The same id came before with another content."""
 
-    def __init__(self, word: CodeWord) -> None:
-        self.word: CodeWord = word
+    def __init__(self, word: str) -> None:
+        self.word = cast("CodeWord", word)
         """The value, as a plain attribute: read at every answer, where `value` costs a call."""
 
 
