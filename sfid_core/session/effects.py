@@ -9,7 +9,6 @@ from typing import Literal, NamedTuple, cast
 
 from sfid_core.session.measures import EpisodeMeasures, StepMeasures
 
-
 CodeWord = Literal["accepted", "superseded", "late", "rejected", "conflict"]
 
 
