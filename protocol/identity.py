@@ -126,6 +126,23 @@ def withdrawal_mark(pseudonym: str, session: str, secrets: tuple[bytes, ...]) ->
     return tuple(hmac.digest(secret, said, "sha256")[:8].hex() for secret in secrets)
 
 
+@lru_cache(8192)  # asked with every answer
+def check_key(session: str, teacher: str, secrets: tuple[bytes, ...]) -> bytes:
+    """Return the 32 bytes that key the checks of a teacher's acknowledgements, the same after every restart.
+
+    The oldest secret makes it, so that it stays while a newer one signs.
+    """
+    return hmac.digest(secrets[0], f"acknowledges {session}/{teacher}".encode(), "sha256")
+
+
+def check_of(payload: bytes, key: bytes | None) -> bytes:
+    """Return the 8 bytes by which a teacher knows that an answer was acknowledged as it was sent.
+
+    Args: key: of `check_key`; None: anybody who sees the answer can make the check.
+    """
+    return hashlib.blake2b(payload, digest_size=8, key=key or b"").digest()
+
+
 def is_token_id(text: str) -> bool:
     """Tell whether a text has the form of a token's id."""
     return re.fullmatch(_SIXTEEN_HEX, text) is not None

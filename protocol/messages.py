@@ -16,6 +16,7 @@ Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,47}\Z")]
 ActionName = Annotated[str, Meta(pattern=r"^[A-Z][A-Z0-9_]{0,31}\Z")]
 Id = Annotated[bytes, Meta(min_length=16, max_length=16)]
 Check = Annotated[bytes, Meta(min_length=8, max_length=8)]
+CheckKey = Annotated[bytes, Meta(min_length=32, max_length=32)]
 ParameterName = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]{0,31}\Z")]
 ParameterWord = Annotated[str, Meta(max_length=32)]
 StateKey = Annotated[bytes, Meta(max_length=32)]
@@ -188,6 +189,8 @@ class Welcome(Wire, frozen=True, kw_only=True, tag="welcome"):
     rights: Annotated[tuple[Literal["answer", "window", "pause", "stop"], ...], Meta(max_length=8)]
     decision: Decision
     episodes: tuple[Episode, ...] = ()
+    check_key: CheckKey | None = None
+    """What the checks of this teacher's acknowledgements are keyed with: nobody else can make one."""
 
 
 class Answer(Wire, frozen=True, kw_only=True, tag="answer"):

@@ -36,6 +36,8 @@ class AggregatorConfig:
     require_tokens: bool = False
     """Whether members are let in only with a token that the secret of `data_dir` has signed; the crowd then
     bears one of its own towards the learner."""
+    check_secrets: tuple[bytes, ...] = field(default=(), repr=False)
+    """What keys the checks of acknowledgements; empty: they have no key."""
     inbox_max: int = 16_384
     commit_every_ms: int = 500
     members_gone_ms: int = 5_000

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import logging
-from hashlib import blake2b
 from typing import TYPE_CHECKING
 
 from protocol.codec import DecodeError, decode, encode, printable
 from protocol.crowd_journal import CrowdKind, answered_event
+from protocol.identity import check_key, check_of
 from protocol.journal import answer_body, read_answer_body, without_token
 from protocol.keys import KeyNameError
 from protocol.messages import Acknowledgement, Answer, Control, Join, Refusal, Welcome
@@ -85,6 +85,7 @@ class Reception:
             rights=() if live.finished else ("answer",),
             decision=aggregator.shown(live, live.decision),
             episodes=tuple(live.episodes),
+            check_key=self._check_key(message),
         )
         aggregator.loop.reply_durably(request, reply)
 
@@ -114,7 +115,7 @@ class Reception:
         body = answer_body(told.code, told.reason, kept)
         kind = CrowdKind.ANSWER.value
         seq = loop.append(live.name, kind, body, at_ns, message.answer_id, message.teacher)
-        self._acknowledge(request, message.answer_id, told.code, told.reason, seq)
+        self._acknowledge(request, message, told.code, told.reason, seq)
         self._aggregator.perform(live, effects[1:])
 
     def _member_of(self, live: LiveCrowd, worker: str) -> Crowd:
@@ -139,21 +140,25 @@ class Reception:
             loop.append(live.name, kind, kept, loop.at_ns(), None, message.teacher)
             code = AnswerCode.CONFLICT
             reason = "this id came before with another content: make a new id for a new answer"
-        self._acknowledge(request, message.answer_id, code, reason, row.seq)
+        self._acknowledge(request, message, code, reason, row.seq)
         return True
 
     def _acknowledge(
-        self, request: Request, answer_id: bytes, code: AnswerCode, reason: str, seq: int
+        self, request: Request, message: Answer, code: AnswerCode, reason: str, seq: int
     ) -> None:
         reply = Acknowledgement(
-            answer_id=answer_id,
+            answer_id=message.answer_id,
             code=code.value,
             reason=reason,
-            check=blake2b(request.payload, digest_size=8).digest(),
+            check=check_of(request.payload, self._check_key(message)),
             epoch=self._aggregator.shard.epoch,
             journal_seq=seq,
         )
         self._aggregator.loop.reply_durably(request, reply)
+
+    def _check_key(self, message: Join | Answer) -> bytes | None:
+        secrets = self._aggregator.config.check_secrets
+        return check_key(message.session, message.teacher, secrets) if secrets else None
 
     # ------------------------------------------------------------ the rest
 

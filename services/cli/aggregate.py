@@ -25,6 +25,7 @@ from services.cli.options import (
 from services.cli.waiting import service_bus
 from services.runtime.journal import read_rows
 from services.runtime.process import ProcessConfig, ServiceProcess
+from services.runtime.secret import FOLDER, load_secrets
 from services.topology import Role
 from sfid_core.crowd.round import RoundSettings
 from sfid_core.crowd.settings import CrowdMethod, CrowdSettings, crowd_method
@@ -107,6 +108,7 @@ def aggregate(  # noqa: PLR0917 - one argument a flag
     config = AggregatorConfig(
         data, name, deployment, crowd_deployment or f"{deployment}-crowd", tuple(session or ()), rounds,
         weighing, solver=solver, gold_share=gold_share, seed=seed, require_tokens=require_tokens,
+        check_secrets=tuple(load_secrets(data / FOLDER)),
     )  # fmt: skip
     process = ServiceProcess(ProcessConfig(f"aggregator-{name}", supervised_fd, verbose))
     bus = service_bus(connect, process.stop, Role.AGGREGATOR, access)

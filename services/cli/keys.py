@@ -7,13 +7,14 @@ from typing import Annotated, Any
 
 import typer
 
-from protocol.identity import Identity, Role, is_revoked, is_token_id, sign
+from protocol.identity import Identity, Role, check_key, is_revoked, is_token_id, sign
 from protocol.keys import checked
 from services.cli.failure import NOT_SO, CommandError
 from services.cli.options import Data, Json, print_json
 from services.operations.withdrawal import revoke_person
 from services.runtime.register import Issued, Register, new_token_id
 from services.runtime.secret import FOLDER, load_secrets
+from services.teachers.token_file import KEY_MARK
 
 DATA = Path("sfid-data/up")
 HOUR_S = 3600
@@ -45,7 +46,8 @@ def new(
     identity = person(checked(name, "teacher"), checked(session, "session"), hours)
     path = out or Path(f"{name}.token")
     token = issued(data, identity)
-    _write(path, token)
+    key = check_key(session, name, tuple(load_secrets(data / FOLDER)))
+    _write(path, f"{token}\n{KEY_MARK} {key.hex()}\n")
     if as_json:
         print_json({
             "id": identity.token_id, "name": name, "session": session, "expires_s": identity.expires_s,
@@ -149,10 +151,10 @@ def _moment(seconds: int) -> str:
     return time.strftime("%Y-%m-%d %H:%M", time.localtime(seconds))
 
 
-def _write(path: Path, token: str) -> None:
+def _write(path: Path, text: str) -> None:
     try:
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except OSError as error:
         raise CommandError(f"{path}: {error.strerror or error}: name another file with --out") from None
     with os.fdopen(handle, "w", encoding="ascii") as file:
-        file.write(f"{token}\n")
+        file.write(text)

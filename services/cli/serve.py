@@ -109,9 +109,11 @@ def learner(
     from services.learner.config import LearnerConfig
     from services.learner.service import run
     from services.runtime.clock import SystemClock
+    from services.runtime.secret import FOLDER, load_secrets
 
     checked(deployment, "deployment")
-    config = LearnerConfig(data, deployment, shard, require_tokens=require_tokens)
+    secrets = tuple(load_secrets(data / FOLDER))
+    config = LearnerConfig(data, deployment, shard, require_tokens=require_tokens, check_secrets=secrets)
     process = ServiceProcess(ProcessConfig("learner", supervised_fd, verbose))
     bus = service_bus(connect, process.stop, Role.LEARNER, access)
     try:

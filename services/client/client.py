@@ -61,7 +61,8 @@ class Client:
     """A context manager. `answer` and `control` may be called on any thread, `next` on one at a time.
 
     Args: measures: whether to hear of learnt steps and finished episodes from the start; a teacher who needs
-    neither spares the router a message a step (`watch_measures` begins later).  chance: draws ids and waits.
+    neither spares the router a message a step (`watch_measures` begins later).  check_key: what came with the
+    token; None: believe the latest Welcome.  chance: draws ids and waits.
     """
 
     def __init__(  # noqa: PLR0913 - time, chance and identity are arguments
@@ -74,6 +75,7 @@ class Client:
         outbox: Outbox,
         clock: Clock,
         token: str | None = None,
+        check_key: bytes | None = None,
         measures: bool = True,
         chance: Random = _CHANCE,
     ) -> None:
@@ -83,7 +85,7 @@ class Client:
         """Messages lost because `next` was not called for too long."""
         self._unreadable = 0
         self._bus, self._keys, self._clock, self._token = bus, keys, clock, token
-        self._chance, self.due_ns = chance, 0
+        self._check_key, self._chance, self.due_ns = check_key, chance, 0
         """`due_ns`: when `next` has something to repeat."""
         answer_key = keys.answer(self.session, self.teacher)
         self._delivery = Delivery(
@@ -342,7 +344,12 @@ class Client:
         self._join_due_ns = self._clock.now_ns() + wait_ns
 
     def _on_welcome(self, welcome: Welcome) -> None:
+        if self._check_key not in {None, welcome.check_key}:
+            self._unreadable += 1
+            self._cannot_join("who answers has not the key that came with the token: it is not your learner")
+            return
         self._join_attempts = 0
+        self._delivery.check_key = welcome.check_key
         if welcome.epoch < self._newest[0]:
             # Another journal: the session was created anew, and what was seen before is of another world.
             self._newest, self._shown, self._answered = _NOBODY, (_NOBODY, 0), None

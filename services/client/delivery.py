@@ -4,10 +4,10 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from hashlib import blake2b
 from random import Random
 
 from protocol.codec import DecodeError, decode
+from protocol.identity import check_of
 from protocol.messages import Acknowledgement, Answer, Refusal
 from services.client.updates import AnswerState, AnswerUpdate
 from services.outbox import Outbox
@@ -57,6 +57,8 @@ class Delivery:
         chance: Random,
     ) -> None:
         self.unreadable = 0
+        self.check_key: bytes | None = None
+        """What the Welcome said that checks are keyed with."""
         self._ask, self._tell, self._denied = ask, tell, denied
         self._outbox, self._clock, self._chance = outbox, clock, chance
         self._sending: dict[bytes, _Sending] = {}
@@ -122,7 +124,7 @@ class Delivery:
             self._retry(sending, "the learner's reply could not be read")
 
     def _on_acknowledgement(self, sending: _Sending, acknowledgement: Acknowledgement) -> None:
-        check = blake2b(sending.payload, digest_size=8).digest()
+        check = check_of(sending.payload, self.check_key)
         if acknowledgement.check != check or acknowledgement.answer_id != sending.answer_id:
             self._retry(sending, "the acknowledgement is of something else")
         else:

@@ -66,12 +66,13 @@ class Teaching:
 
 
 @contextmanager
-def join(
+def join(  # noqa: PLR0913 - most have a default
     endpoint: str,
     session: str,
     teacher: str,
     *,
     token: str | None = None,
+    check_key: bytes | None = None,
     outbox: Path | None = None,
     deployment: str = "local",
     connect_ms: int = CONNECT_MS,
@@ -89,7 +90,14 @@ def join(
         bus = open_bus(endpoint, connect_ms, access=login)
         try:
             with Client(
-                bus, Keys(deployment), session, teacher, outbox=kept, clock=SystemClock(), token=token
+                bus,
+                Keys(deployment),
+                session,
+                teacher,
+                outbox=kept,
+                clock=SystemClock(),
+                token=token,
+                check_key=check_key,
             ) as client:
                 yield Teaching(client)
                 client.drain(DRAIN_S)

@@ -122,6 +122,7 @@ class Seat:
         welcome = self._room.read_welcome(reply)
         if isinstance(welcome, Welcome):
             self._joined = True
+            self._delivery.check_key = welcome.check_key
             self._room.on_welcome(welcome)
             self._delivery.hurry()
             return

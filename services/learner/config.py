@@ -1,6 +1,6 @@
 """Configuration of a learner service."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 
@@ -13,6 +13,8 @@ class LearnerConfig:
     shard: int = 0
     inbox_max: int = 16_384
     """Messages waiting, at most: a second of 32 teachers at full speed. More are refused with "busy"."""
+    waiting_max: int = 64
+    """Of these, messages of one sender and kind: who floods waits behind themselves. Some 10 ms of the loop."""
     commit_every_ms: int = 500
     """How long a row that nobody waits for may stay undurable."""
     teachers_gone_ms: int = 5_000
@@ -22,3 +24,5 @@ class LearnerConfig:
     """Direct teachers of one session."""
     require_tokens: bool = False
     """Whether teachers are let in only with a token that the secret of `data_dir` has signed."""
+    check_secrets: tuple[bytes, ...] = field(default=(), repr=False)
+    """What keys the checks of acknowledgements; empty: they have no key."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import logging
-from hashlib import blake2b
 from typing import TYPE_CHECKING, Literal
 
 from protocol.codec import DecodeError, decode, encode, printable
+from protocol.identity import check_key, check_of
 from protocol.journal import Kind, answer_body, read_answer_body, without_token
 from protocol.keys import KeyNameError
 from protocol.messages import Acknowledgement, Answer, Control, Done, Join, Refusal, Welcome
@@ -95,7 +95,7 @@ class Reception:
             )  # fmt: skip
             log.debug("answer journaled as %s", told.code.value, extra=ids)
         learner.perform(live, at_ns, effects[1:])
-        self._acknowledge(request, message.answer_id, told.code, told.reason, seq)
+        self._acknowledge(request, message, told.code, told.reason, seq)
 
     def _seen_before(self, live: LiveSession, message: Answer, kept: bytes, request: Request) -> bool:
         """Answer a repeat: the same content gets the same acknowledgement, another content is a conflict."""
@@ -114,21 +114,25 @@ class Reception:
                 AnswerCode.CONFLICT,
                 "this id came before with another content: make a new id for a new answer",
             )
-        self._acknowledge(request, message.answer_id, code, reason, row.seq)
+        self._acknowledge(request, message, code, reason, row.seq)
         return True
 
     def _acknowledge(
-        self, request: Request, answer_id: bytes, code: AnswerCode, reason: str, seq: int
+        self, request: Request, message: Answer, code: AnswerCode, reason: str, seq: int
     ) -> None:
         reply = Acknowledgement(
-            answer_id=answer_id,
+            answer_id=message.answer_id,
             code=code.word,
             reason=reason,
-            check=blake2b(request.payload, digest_size=8).digest(),
+            check=check_of(request.payload, self._check_key(message)),
             epoch=self._learner.shard.epoch,
             journal_seq=seq,
         )
         self._learner.reply_durably(request, reply)
+
+    def _check_key(self, message: Join | Answer) -> bytes | None:
+        secrets = self._learner.config.check_secrets
+        return check_key(message.session, message.teacher, secrets) if secrets else None
 
     def on_join(self, request: Request) -> None:
         """Let a teacher take part and tell them where the session stands."""
@@ -169,6 +173,7 @@ class Reception:
             rights=() if finished else ("answer", "window", "pause"),
             decision=learner.decision(live, at_ns),
             episodes=tuple(episode_message(measures, session, ended_ns) for ended_ns, _, measures in latest),
+            check_key=self._check_key(message),
         )
         learner.reply_durably(request, welcome)
 

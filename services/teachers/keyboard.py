@@ -60,6 +60,7 @@ class KeyboardConfig:
     outbox: Path | None = None
     """File that keeps answers until they are acknowledged; None: one a teacher, below the home directory."""
     token: str | None = None
+    check_key: bytes | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -345,7 +346,14 @@ def run(config: KeyboardConfig, bus: Bus) -> int:
 def _teach(config: KeyboardConfig, bus: Bus, outbox: Outbox, path: Path) -> int:
     clock, keys = SystemClock(), Keys(config.deployment)
     with Client(
-        bus, keys, config.session, config.teacher, outbox=outbox, clock=clock, token=config.token
+        bus,
+        keys,
+        config.session,
+        config.teacher,
+        outbox=outbox,
+        clock=clock,
+        token=config.token,
+        check_key=config.check_key,
     ) as client:
         app = KeyboardApp(client, clock)
         code = app.run() or 0

@@ -3,7 +3,7 @@
 import logging
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Protocol
 
@@ -59,6 +59,7 @@ class ScriptedConfig:
     """Thinking time before each answer."""
     deployment: str = "local"
     token: str | None = None
+    check_key: bytes | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,7 +249,7 @@ def run(
     # In memory: after a crash the same seed gives the same answers to the same decisions.
     client = Client(
         bus, Keys(config.deployment), config.session, config.teacher,
-        outbox=Outbox(), clock=clock, token=config.token, measures=False,
+        outbox=Outbox(), clock=clock, token=config.token, check_key=config.check_key, measures=False,
     )  # fmt: skip
     script, troubles = Script(config, client.has_answered, best=best), _Troubles(config.session)
     with client:

@@ -115,7 +115,9 @@ MEANINGS = {
     "code": "see *Acknowledgements*",
     "Refusal.code": "see *Refusals*",
     "reason": "one line for people",
-    "check": "BLAKE2b with an 8-byte digest over the answer's payload as it was sent",
+    "check": "BLAKE2b with an 8-byte digest over the answer's payload as it was sent, keyed with "
+    "the Welcome's `check_key` where it had one",
+    "check_key": "key of the checks in your acknowledgements; keep it to yourself",
     "journal_seq": "place of the answer in the learner's journal",
     "verb": "what is to be done",
     "ok": "whether it was done",

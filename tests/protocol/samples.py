@@ -168,7 +168,12 @@ FULL: tuple[Wire, ...] = (
     ),
     Join(session="s1", teacher="ann", client="example 1.0", token=TOKEN),
     Welcome(
-        session="s1", epoch=1, rights=("answer", "window", "pause"), decision=DECISION, episodes=(EPISODE,)
+        session="s1",
+        epoch=1,
+        rights=("answer", "window", "pause"),
+        decision=DECISION,
+        episodes=(EPISODE,),
+        check_key=bytes(range(32)),
     ),
     Answer(
         answer_id=ANSWER_ID,

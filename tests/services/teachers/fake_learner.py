@@ -62,6 +62,7 @@ class FakeLearner:
         self.payloads: list[bytes] = []
         self.controls: list[Control] = []
         self.code: Code = "accepted"
+        self.check_key: bytes | None = None
         self.join_refusal: Refusal | None = None
         self.answer_replies: list[Callable[[Request], None]] = []
         """Replies to the next answers, one each, in the place of an acknowledgement."""
@@ -91,7 +92,7 @@ class FakeLearner:
             Acknowledgement(
                 answer_id=decode(payload, Answer).answer_id,
                 code=self.code,
-                check=blake2b(payload, digest_size=8).digest(),
+                check=blake2b(payload, digest_size=8, key=self.check_key or b"").digest(),
                 epoch=self.decision.epoch,
                 journal_seq=len(self.payloads),
             )
@@ -108,6 +109,7 @@ class FakeLearner:
             epoch=self.decision.epoch,
             rights=("answer", "window", "pause"),
             decision=self.decision,
+            check_key=self.check_key,
         )
         request.reply(encode(welcome))
 

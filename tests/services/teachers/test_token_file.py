@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from services.client import TeachingError
-from services.teachers.token_file import read_token
+from services.teachers.token_file import read_check_key, read_token
 
 SIGNED = "Zm9v.YmFy"
 
@@ -15,6 +15,7 @@ SIGNED = "Zm9v.YmFy"
     [
         SIGNED,
         f"{SIGNED}\n",
+        f"{SIGNED}\nacknowledgements {'0a' * 32}\n",
         f"\u2588\u2580\nhttp://127.0.0.1:7480/#t={SIGNED}\nfor ann alone, to teach s1; id 00\n",
     ],
 )
@@ -24,6 +25,7 @@ def test_a_token_is_read_from_a_file_of_its_own_or_from_a_printed_invitation(
     path = tmp_path / "token"
     path.write_text(text)
     assert read_token(path) == SIGNED
+    assert read_check_key(path) == (b"\n" * 32 if "acknowledgements" in text else None)
 
 
 @pytest.mark.parametrize("text", ["", "two.words here.too", "nodot", f"{'x' * 600}.y", "\u00fc.\u00fc"])
