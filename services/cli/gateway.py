@@ -113,10 +113,26 @@ def invite(  # noqa: PLR0917 - one argument a flag
         made = _link(data, checked(session, "session"), name, people, hours, url)
     except GatewayError as error:
         raise CommandError(str(error)) from None
+    if not _is_there(data, session):
+        print(
+            f"no session {session} in {data} yet: whoever follows the link waits until there is one "
+            f"(`sfid session create {session}`)",
+            file=sys.stderr,
+        )
     if as_json:
         print_json(made)
         return
     _print_link(made, qr=qr)
+
+
+def _is_there(data: Path, session: str) -> bool:
+    """Tell whether the deployment's journal knows the session."""
+    from services.runtime.journal import JournalError, read_rows
+
+    try:
+        return next(read_rows(data, session), None) is not None
+    except JournalError:  # no learner has been here
+        return False
 
 
 def _link(

@@ -34,6 +34,7 @@ from services.gateway.service import read_status
 from services.runtime.config import GatewaySection
 from services.runtime.register import new_token_id
 from services.runtime.secret import load_secrets
+from services.runtime.signals import Stop
 
 TARGET_P99_MS = 50.0
 WINDOW_MS = 1000
@@ -128,7 +129,7 @@ def one_run(people: int, answers: int, sessions: int) -> dict[str, object]:
     """Return the figures of one course with fresh services."""
     with rig.services() as running, ExitStack() as stack:
         deployed = launch.Deployed(running.data, running.endpoint, "bench", guarded=False)
-        supervisor = launch.supervise(running.data, running.data / "logs")
+        supervisor = launch.supervise(running.data, running.data / "logs", Stop())
         stack.callback(supervisor.stop)
         supervisor.start(launch.gateway(deployed, GatewaySection(enabled=True, listen="127.0.0.1:0")))
         window = WindowSpec(mode="full", span_ms=WINDOW_MS)

@@ -16,6 +16,7 @@ from protocol.messages import CreateSession, WindowSpec, World
 from services.cli import launch
 from services.operator import Operator
 from services.router import free_endpoint
+from services.runtime.signals import Stop
 from services.runtime.zenoh_bus import ZenohBus
 from services.topology import Role
 from sfid_core.sokoban.levels import packaged
@@ -42,7 +43,7 @@ def services() -> Iterator[Rig]:
     """
     with tempfile.TemporaryDirectory(prefix="sfid-bench-") as name, ExitStack() as stack:
         deployed = launch.Deployed(Path(name), free_endpoint(), "bench", guarded=False)
-        supervisor = launch.supervise(deployed.data, launch.make_directories(deployed.data))
+        supervisor = launch.supervise(deployed.data, launch.make_directories(deployed.data), Stop())
         stack.callback(supervisor.stop)
         supervisor.start(launch.router(deployed))
         supervisor.start(launch.environment(deployed), launch.learner(deployed))

@@ -21,6 +21,7 @@ from services.runtime.bus import Bus
 from services.runtime.config import GatewaySection
 from services.runtime.register import Register, new_token_id
 from services.runtime.secret import load_secrets
+from services.runtime.signals import Stop
 from services.topology import Role as BusRole
 from sfid_core.sokoban.levels import packaged
 
@@ -79,7 +80,7 @@ def lesson(data: Path) -> Iterator[Lesson]:
     """Yield real services in processes of their own."""
     with ExitStack() as stack:
         deployed = launch.Deployed(data, free_endpoint(), "local")
-        supervisor = launch.supervise(data, launch.make_directories(data))
+        supervisor = launch.supervise(data, launch.make_directories(data), Stop())
         stack.callback(supervisor.stop)
         supervisor.start(launch.router(deployed))
         gateway = launch.gateway(deployed, GatewaySection(enabled=True, listen=free_endpoint()[4:]))

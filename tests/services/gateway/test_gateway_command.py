@@ -20,6 +20,7 @@ from services.router import free_endpoint
 from services.runtime.config import GatewaySection
 from services.runtime.register import Register
 from services.runtime.secret import load_secrets
+from services.runtime.signals import Stop
 
 pytestmark = pytest.mark.real
 
@@ -45,7 +46,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The data directory of a running gateway."""
     data = tmp_path_factory.mktemp("gateway")
     deployed = launch.Deployed(data, free_endpoint(), "local")
-    supervisor = launch.supervise(data, launch.make_directories(data))
+    supervisor = launch.supervise(data, launch.make_directories(data), Stop())
     try:
         supervisor.start(launch.router(deployed))
         supervisor.start(launch.gateway(deployed, GatewaySection(enabled=True, listen="127.0.0.1:0")))
@@ -76,9 +77,10 @@ def test_a_link_for_one_person_carries_their_name_and_can_be_withdrawn(data: Pat
 
 
 def test_a_person_is_shown_a_code_to_scan_and_how_to_withdraw_it(data: Path) -> None:
-    code, out, _ = sfid("invite", "--session", "s1", "--data", str(data))
+    code, out, err = sfid("invite", "--session", "s1", "--data", str(data))
     lines = out.splitlines()
     assert code == 0
+    assert err.splitlines()[-1].startswith(f"no session s1 in {data} yet: ")
     assert sum("█" in line for line in lines) > 15
     assert lines[-3].startswith(f"{read_status(data)['url']}/#t=")
     assert lines[-1].startswith("withdraw it: `sfid invite --revoke ")
@@ -150,7 +152,7 @@ def test_with_a_certificate_the_page_is_served_encrypted_and_says_so(tmp_path: P
     request += ["-out", str(certificate), "-keyout", str(key)]
     subprocess.run(request, check=True, capture_output=True)
     deployed = launch.Deployed(tmp_path, router_of(data), "local", access=data / "access")
-    supervisor = launch.supervise(tmp_path, launch.make_directories(tmp_path))
+    supervisor = launch.supervise(tmp_path, launch.make_directories(tmp_path), Stop())
     section = GatewaySection(enabled=True, listen="127.0.0.1:0", tls_cert=str(certificate), tls_key=str(key))
     try:
         supervisor.start(launch.gateway(deployed, section))

@@ -13,6 +13,7 @@ from services.cli import launch
 from services.operator import Operator
 from services.replay import replay_directory
 from services.router import free_endpoint
+from services.runtime.signals import Stop
 from services.topology import Role
 from sfid_core.sokoban.actions import Action
 from sfid_core.sokoban.levels import packaged, parse_levels
@@ -28,7 +29,7 @@ KEYS = {Action.LEFT: "Left", Action.RIGHT: "l", Action.UP: "w", Action.DOWN: "Do
 def deployed(tmp_path: Path) -> Iterator[launch.Deployed]:
     """Yield a running router, environment and learner."""
     found = launch.Deployed(tmp_path / "data", free_endpoint(), "tmux")
-    supervisor = launch.supervise(found.data, launch.make_directories(found.data))
+    supervisor = launch.supervise(found.data, launch.make_directories(found.data), Stop())
     try:
         supervisor.start(launch.router(found))
         supervisor.start(launch.environment(found), launch.learner(found))
