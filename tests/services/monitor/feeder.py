@@ -1,8 +1,10 @@
 """A taught Q-learner on a small room, told in the messages a learner publishes; for tests of the monitor."""
 
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
+from types import MappingProxyType
 
 from protocol.messages import Decision, Episode, SaidBy, Step, WindowSpec
 from sfid_core.sokoban.actions import ACTIONS
@@ -66,9 +68,8 @@ class Lesson:
     table: dict[bytes, list[float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.start = parse_levels(self.room)[0].start
+        self.start, self.distance = _solved(self.room)
         self.rng = random.Random(self.seed)
-        self.distance = _distances(self.start)
 
     def messages(self) -> Iterator[Decision | Step | Episode]:
         """Yield decisions, steps and episodes in the order of a learner."""
@@ -194,6 +195,12 @@ class Lesson:
 
     def _at_ns(self) -> int:
         return WALL_NS + self.decision * 250_000_000
+
+
+@cache  # two thirds of a second for a room, and a test may want sixty lessons in it
+def _solved(room: str) -> tuple[Board, Mapping[bytes, int]]:
+    start = parse_levels(room)[0].start
+    return start, MappingProxyType(_distances(start))
 
 
 def _distances(start: Board) -> dict[bytes, int]:
