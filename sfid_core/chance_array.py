@@ -1,5 +1,8 @@
 """Chance as a function, many draws at once: bit for bit the draws of `sfid_core.chance`."""
 
+from collections.abc import Iterable
+from hashlib import blake2b
+
 import numpy as np
 import numpy.typing as npt
 
@@ -8,6 +11,13 @@ Words = npt.NDArray[np.uint64]
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
 _MIX_2 = np.uint64(0x94D049BB133111EB)
+
+
+def streams(seeds: Iterable[int], *names: str | int) -> Words:
+    """Return `stream(seed, *names)` for every seed: uint64 [n_seeds]."""
+    tail = "".join([f"\x1f{name}" for name in names])
+    digests = [blake2b(f"{seed}{tail}".encode(), digest_size=8).digest() for seed in seeds]
+    return np.frombuffer(b"".join(digests), dtype="<u8").astype(np.uint64)
 
 
 def draws(key: int | Words, counters: npt.ArrayLike) -> Words:

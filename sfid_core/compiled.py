@@ -91,9 +91,15 @@ def _compiled(
             inner = parts if called not in dict(parts) and _mentions(native, dict(parts)) else ()
             replaced[called] = cast("Callable[..., Any]", _compiled(native, inner, name, inlined=True))
     keep = bool(getattr(numba.config, "CACHE_DIR", ""))
-    # A call costs more than most kernels do: named tuples are taken apart and put together again. And kernels
+    # A call costs more than most kernels do: named tuples are taken apart and put together again. Joined as
+    # source, not as machine code, kernels are optimised for the constants that they are called with. And they
     # make no arrays, so nothing has to count who refers to one: that alone is five sixths of a step.
-    options: dict[str, Any] = {"nogil": True, "cache": keep, "forceinline": inlined, "_nrt": False}
+    options: dict[str, Any] = {
+        "nogil": True,
+        "cache": keep,
+        "inline": "always" if inlined else "never",
+        "_nrt": False,
+    }
     return numba.njit(**options)(_rebuilt(function, replaced, name))
 
 

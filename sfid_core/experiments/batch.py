@@ -13,16 +13,22 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sfid_core.chance import draw, stream
+from sfid_core.chance import draw
+from sfid_core.chance_array import Words, draws, streams
 from sfid_core.compiled import compiled, compiler_available, linked
 from sfid_core.experiments.greedy import greedy_share
-from sfid_core.experiments.lane import run_lanes
+from sfid_core.experiments.lane import key_of_one, keys_of, run_lanes
+from sfid_core.experiments.lane_answers import (
+    guidance_before,
+    label_before,
+    labels_before,
+    mark_after,
+    nothing_after,
+    nothing_before,
+    reward_after,
+    rewards_after,
+)
 from sfid_core.experiments.lane_world import (
-    ASK_GUIDANCE,
-    ASK_LABEL,
-    ASK_MISTAKE,
-    ASK_NOTHING,
-    ASK_REWARD,
     COLUMNS,
     OUTCOMES,
     LanePlan,
@@ -32,7 +38,7 @@ from sfid_core.experiments.lane_world import (
     Scratch,
 )
 from sfid_core.learning.kernels import Memory
-from sfid_core.learning.learner import learner_draws, table_sha256
+from sfid_core.learning.learner import table_sha256
 from sfid_core.learning.method import Method
 from sfid_core.learning.methods import method_named
 from sfid_core.outcome import Outcome
@@ -49,16 +55,20 @@ from sfid_core.teaching.kernels import (
     preferred_of,
 )
 from sfid_core.teaching.merge import NOWHERE, ONE_HOT
-from sfid_core.teaching.simulated import state_word, teacher_key
+from sfid_core.teaching.simulated import state_word
 
 TRIALS_MAX = 1000
 """Starts from which the greedy policy is tried; of more, evenly spaced ones."""
-_ASKS = {
-    None: ASK_NOTHING,
-    AnswerKind.LABEL: ASK_LABEL,
-    AnswerKind.REWARD: ASK_REWARD,
-    AnswerKind.GUIDANCE: ASK_GUIDANCE,
-    AnswerKind.MISTAKE: ASK_MISTAKE,
+_BEFORE: dict[AnswerKind | None, tuple[Callable[..., Any], ...]] = {
+    None: (nothing_before,) * 3,
+    AnswerKind.LABEL: (nothing_before, label_before, labels_before),
+    AnswerKind.GUIDANCE: (nothing_before, guidance_before, guidance_before),
+}
+"""By what is asked before the action: what no teacher says, one, several."""
+_AFTER: dict[AnswerKind | None, tuple[Callable[..., Any], ...]] = {
+    None: (nothing_after,) * 3,
+    AnswerKind.REWARD: (nothing_after, reward_after, rewards_after),
+    AnswerKind.MISTAKE: (nothing_after, mark_after, mark_after),
 }
 
 
@@ -115,17 +125,15 @@ class Batch:
         self._checkpoints = tuple(checkpoints)
         self._plan = LanePlan(
             config.episodes,
-            _ASKS[self._method.asks_before],
-            _ASKS[self._method.asks_after],
-            len(self._names),
             self._column(np.array(self._checkpoints, dtype=np.int64)),
         )
         self._memory = blank_memory(
             self._method, self.tables.n_states, len(ACTIONS), config.world.steps_max, self._zeros
         )
         beliefs = (*ONE_HOT[len(ACTIONS)], NOWHERE[len(ACTIONS)])
-        self._scratch = Scratch(self._zeros(len(ACTIONS)), beliefs)
-        self._run, self._greedy = _kernels(self._method, fast=self._fast)
+        one_hot: Any = np.array(beliefs) if self._fast else beliefs
+        self._scratch = Scratch(self._zeros(len(ACTIONS)), one_hot)
+        self._run, self._greedy = _kernels(self._method, len(self._names), fast=self._fast)
 
     def run(self, seeds: Sequence[int]) -> npt.NDArray[np.float64]:
         """Run one session a seed; return float64 [seeds, episodes, COLUMNS] (`lane_world.MEASURES`)."""
@@ -203,27 +211,24 @@ class Batch:
         return share
 
 
-Words = npt.NDArray[np.uint64]
-
-
-# Conditions of one experiment share their seeds, and naming a stream costs as much as fifty steps.
+# Conditions of one experiment share their seeds, and naming a stream costs as much as thirty steps. The names
+# are those of `learner_draws` and `teacher_key`, here for many seeds at once.
 
 
 @lru_cache(maxsize=512)
 def _draws_of(seeds: tuple[int, ...], session: str) -> tuple[Words, Words]:
-    draws = [learner_draws(seed, session) for seed in seeds]
-    ties, explore = ([each[place] for each in draws] for place in (0, 1))
-    return np.array(ties, dtype=np.uint64), np.array(explore, dtype=np.uint64)
+    keys = streams(seeds, "learner", session)
+    return draws(keys, 0), draws(keys, 1)
 
 
 @lru_cache(maxsize=512)
 def _teacher_keys(seeds: tuple[int, ...], names: tuple[str, ...], session: str) -> Words:
-    return np.array([teacher_key(seed, name, session) for seed in seeds for name in names], dtype=np.uint64)
+    return np.stack([streams(seeds, "teacher", name, session) for name in names], axis=1).reshape(-1)
 
 
 @lru_cache(maxsize=512)
 def _greedy_keys(seeds: tuple[int, ...], session: str) -> Words:
-    return np.array([stream(seed, "greedy", session) for seed in seeds], dtype=np.uint64)
+    return streams(seeds, "greedy", session)
 
 
 @lru_cache(maxsize=512)
@@ -279,23 +284,27 @@ def blank_memory(
 
 
 @lru_cache(maxsize=64)
-def _kernels(method: Method, *, fast: bool) -> tuple[Callable[..., int], Callable[..., float]]:
-    parts: dict[str, Callable[..., Any]] = {
+def _kernels(method: Method, teachers: int, *, fast: bool) -> tuple[Callable[..., int], Callable[..., float]]:
+    asked = min(teachers, 2)
+    parts: dict[str, Any] = {
         "choose": method.choose,
         "settle": method.settle,
         "learn": method.learn,
         "begin": method.begin,
         "undo": method.undo,
         "prefer": method.prefer,
+        "said_before": _BEFORE[method.asks_before][asked],
+        "said_after": _AFTER[method.asks_after][asked],
+        "keys_of": keys_of if asked > 1 else key_of_one,
+        "WIDTH": method.width(len(ACTIONS)),
     }
+    policy = {"prefer": method.prefer}
     if not fast:
         # Python pays for every call: what a teacher always draws and answers alike is remembered.
         same = {"draw": lru_cache(1 << 16)(draw), "preferred_of": lru_cache(1 << 16)(preferred_of)}
-        return linked(run_lanes, parts | same), linked(greedy_share, {"prefer": method.prefer})
-    return (
-        compiled(run_lanes, parts, method.name),
-        compiled(greedy_share, {"prefer": method.prefer}, method.name),
-    )
+        return linked(run_lanes, parts | same), linked(greedy_share, policy)
+    name = f"{method.name}_{('alone', 'one', 'several')[asked]}"
+    return compiled(run_lanes, parts, name), compiled(greedy_share, policy, method.name)
 
 
 @lru_cache(maxsize=8)

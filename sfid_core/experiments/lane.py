@@ -1,11 +1,25 @@
-"""One lane of a batch: a session of one seed as a kernel over tables, from its first episode to its last."""
+"""One lane of a batch: a session of one seed as a kernel over tables, from its first episode to its last.
+
+What differs between sessions by more than numbers is a part that `batch` puts in the place of a stand-in
+here: the method's kernels, who is asked for what, and how many numbers a state has. Each kind of session so
+becomes machine code of its own, in which loops over actions are unrolled and nothing is asked twice.
+"""
 
 from collections.abc import MutableSequence, Sequence
 
 from sfid_core.compiled import kernel
 from sfid_core.experiments.greedy import greedy_share
-from sfid_core.experiments.lane_answers import said_after, said_before
-from sfid_core.experiments.lane_world import CAP, COLUMNS, LanePlan, Lanes, LaneTeacher, LaneWorld, Scratch
+from sfid_core.experiments.lane_answers import nothing_after, nothing_before
+from sfid_core.experiments.lane_world import (
+    CAP,
+    COLUMNS,
+    N_ACTIONS,
+    LanePlan,
+    Lanes,
+    LaneTeacher,
+    LaneWorld,
+    Scratch,
+)
 from sfid_core.learning.kernels import (
     Draws,
     Evidence,
@@ -18,6 +32,9 @@ from sfid_core.learning.kernels import (
     nothing,
 )
 from sfid_core.teaching.kernels import preference_key, preferred_of
+
+WIDTH = N_ACTIONS + 1
+"""Stands in for the numbers that a method keeps of a state; a constant too."""
 
 
 @kernel
@@ -59,10 +76,51 @@ def begin(m: Memory, p: tuple[float, ...], episode: int) -> None:
 
 
 @kernel
+def keys_of(streams: Lanes, lane: int, teachers: int) -> Sequence[int]:
+    """Return the keys of a lane's teachers."""
+    return streams.teachers[lane * teachers : (lane + 1) * teachers]
+
+
+@kernel
+def key_of_one(streams: Lanes, lane: int, teachers: int) -> Sequence[int]:  # noqa: ARG001 - as keys_of
+    """Return the key of a lane's only teacher: by itself it stays in a register."""
+    return (streams.teachers[lane],)
+
+
+@kernel
+def said_before(
+    world: LaneWorld,
+    teachers: tuple[LaneTeacher, ...],
+    keys: Sequence[int],
+    scratch: Scratch,
+    state: int,
+    decision: int,
+) -> tuple[Evidence, int]:
+    """Stand in for what teachers are asked before the action."""
+    return nothing_before(world, teachers, keys, scratch, state, decision)
+
+
+@kernel
+def said_after(  # noqa: PLR0913, PLR0917 - what an answer depends on
+    world: LaneWorld,
+    teachers: tuple[LaneTeacher, ...],
+    keys: Sequence[int],
+    scratch: Scratch,
+    state: int,
+    action: int,
+    step: int,
+    before: Evidence,
+    decision: int,
+) -> tuple[Evidence, int]:
+    """Stand in for what teachers are asked after the action."""
+    return nothing_after(world, teachers, keys, scratch, state, action, step, before, decision)
+
+
+@kernel
 def run_lanes(  # noqa: PLR0913, PLR0917 - one argument a part of the session
     world: LaneWorld,
     plan: LanePlan,
-    m: Memory,
+    memory: Memory,
     p: tuple[float, ...],
     teachers: tuple[LaneTeacher, ...],
     streams: Lanes,
@@ -73,9 +131,10 @@ def run_lanes(  # noqa: PLR0913, PLR0917 - one argument a part of the session
 ) -> int:
     """Run one session a lane, each from a blank memory; return the number of decisions of them all.
 
-    Args: out: lanes * episodes * COLUMNS numbers, 0 at first, lane by lane; success: lanes * checkpoints
-    numbers, the share of the lane's trials that the greedy policy solves after so many episodes.
+    Args: out: lanes * episodes * COLUMNS numbers, lane by lane; success: lanes * checkpoints numbers, the
+    share of the lane's trials that the greedy policy solves after so many episodes.
     """
+    m = Memory(memory.values, memory.scalars, memory.trail, N_ACTIONS, WIDTH)
     decisions = 0
     for lane in range(streams.lanes):
         blank(m.values)
@@ -85,7 +144,7 @@ def run_lanes(  # noqa: PLR0913, PLR0917 - one argument a part of the session
             blank(teachers[number].memory.scalars)
             blank(teachers[number].memory.praised)
         draws = Draws(streams.ties[lane], streams.explore[lane])
-        keys = streams.teachers[lane * len(teachers) : (lane + 1) * len(teachers)]
+        keys = keys_of(streams, lane, len(teachers))
         decision = 0
         checked = 0
         for episode in range(plan.episodes):
@@ -93,7 +152,7 @@ def run_lanes(  # noqa: PLR0913, PLR0917 - one argument a part of the session
             row = lane * plan.episodes + episode
             start = streams.starts[row]
             decision = run_episode(
-                world, plan, m, p, draws, teachers, keys, scratch, gamma, start, decision, out, row * COLUMNS
+                world, m, p, draws, teachers, keys, scratch, gamma, start, decision, out, row * COLUMNS
             )
             if checked < len(plan.checkpoints) and plan.checkpoints[checked] == episode + 1:
                 trials = len(streams.trials) // streams.lanes
@@ -108,7 +167,6 @@ def run_lanes(  # noqa: PLR0913, PLR0917 - one argument a part of the session
 @kernel
 def run_episode(  # noqa: PLR0913, PLR0917 - as run_lanes
     world: LaneWorld,
-    plan: LanePlan,
     m: Memory,
     p: tuple[float, ...],
     draws: Draws,
@@ -125,77 +183,55 @@ def run_episode(  # noqa: PLR0913, PLR0917 - as run_lanes
 
     Args: keys: of the teachers; start: the state it starts in; decision: the number of its first.
     """
-    state = start
-    steps = undone = outcome = 0
+    state, first = start, decision
+    learnt = inputs = agreements = preferred = outcome = 0
+    errors = errors_shaped = total = total_environment = 0.0
     discount = 1.0
     while outcome == 0:
-        state, outcome, back = run_step(
-            world, plan, m, p, draws, teachers, keys, scratch, discount, state, steps, decision, out, at
-        )
-        # A step that was taken back is a second decision, without an answer and without learning.
-        for _ in range(1 + back):
-            discount *= gamma
-        steps += 1 + back
-        decision += 1 + back
-        undone += back
-        if back and steps >= world.steps_max:
+        step = decision - first
+        favourite = preference_key(teachers[0].parameters, keys[0], decision)
+        named = preferred_of(favourite, world.word[state], world.optimal[state], m.actions)
+        chosen = choose(m, p, draws, state, decision)
+        before, heard = said_before(world, teachers, keys, scratch, state, decision)
+        action = settle(m, p, draws, state, chosen, before, decision)
+        next_state = world.successor[state * m.actions + action]
+        reward = world.reward[state * m.actions + action]
+        outcome = world.outcome[next_state]
+        evidence, judged = said_after(world, teachers, keys, scratch, state, action, step, before, decision)
+        here, there = world.distance[state], world.distance[next_state]
+        transition = Transition(state, action, reward, next_state, outcome > 0, step, here, there, 0.0)
+        learned = learn(m, p, transition, evidence)
+        errors += abs(learned.environment)
+        errors_shaped += abs(learned.shaped)
+        total += discount * (reward + learned.h)
+        total_environment += discount * reward
+        inputs += heard + judged
+        agreements += learned.h > 0.0
+        preferred += action == named
+        learnt += 1
+        discount *= gamma
+        decision += 1
+        if outcome == 0 and step + 1 >= world.steps_max:
             outcome = CAP
-    learnt = steps - undone
-    out[at] = steps
-    out[at + 1] /= learnt
-    out[at + 2] /= learnt
+        elif outcome == 0 and undo(p, evidence) == 1:
+            # A step that was taken back is a second decision, without an answer and without learning.
+            discount *= gamma
+            decision += 1
+            if step + 2 >= world.steps_max:
+                outcome = CAP
+        else:
+            state = next_state
+    out[at] = decision - first
+    out[at + 1] = errors / learnt
+    out[at + 2] = errors_shaped / learnt
+    out[at + 3] = total
+    out[at + 4] = total_environment
+    out[at + 5] = inputs
+    out[at + 6] = agreements
     out[at + 7] = outcome
     out[at + 8] = world.distance[start]
-    out[at + 9] /= learnt
+    out[at + 9] = preferred / learnt
     return decision
-
-
-@kernel
-def run_step(  # noqa: PLR0913, PLR0917 - as run_lanes
-    world: LaneWorld,
-    plan: LanePlan,
-    m: Memory,
-    p: tuple[float, ...],
-    draws: Draws,
-    teachers: tuple[LaneTeacher, ...],
-    keys: Sequence[int],
-    scratch: Scratch,
-    discount: float,
-    state: int,
-    steps: int,
-    decision: int,
-    out: MutableSequence[float],
-    at: int,
-) -> tuple[int, int, int]:
-    """Decide, act and learn once; return the state after it, the outcome, and 1 if the step is taken back."""
-    action = choose(m, p, draws, state, decision)
-    before, heard = said_before(world, plan, teachers, keys, scratch, state, decision)
-    action = settle(m, p, draws, state, action, before, decision)
-    next_state = world.successor[state * m.actions + action]
-    reward = world.reward[state * m.actions + action]
-    ended = world.outcome[next_state]
-    evidence, judged = said_after(
-        world, plan, teachers, keys, scratch, state, action, steps, before, decision
-    )
-    here, there = world.distance[state], world.distance[next_state]
-    transition = Transition(state, action, reward, next_state, ended > 0, steps, here, there, 0.0)
-    learned = learn(m, p, transition, evidence)
-    favourite = preference_key(teachers[0].parameters, keys[0], decision)
-    out[at + 1] += abs(learned.environment)
-    out[at + 2] += abs(learned.shaped)
-    out[at + 3] += discount * (reward + learned.h)
-    out[at + 4] += discount * reward
-    out[at + 5] += heard + judged
-    out[at + 6] += 1.0 if learned.h > 0.0 else 0.0
-    preferred = preferred_of(favourite, world.word[state], world.optimal[state], m.actions)
-    out[at + 9] += 1.0 if action == preferred else 0.0
-    if ended > 0:
-        return next_state, ended, 0
-    if steps + 1 >= world.steps_max:
-        return next_state, CAP, 0
-    if undo(p, evidence) == 1:
-        return state, 0, 1
-    return next_state, 0, 0
 
 
 @kernel

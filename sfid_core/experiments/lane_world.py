@@ -3,6 +3,7 @@
 from collections.abc import MutableSequence, Sequence
 from typing import NamedTuple
 
+from sfid_core.sokoban.actions import ACTIONS
 from sfid_core.teaching.kernels import TeacherMemory, TeacherParameters
 
 MEASURES = (
@@ -20,9 +21,10 @@ MEASURES = (
 """Columns of the results, one row an episode: the founding paper's measures, the code of the outcome
 (`OUTCOMES`), and the share of steps on which the agent did what its first teacher prefers."""
 COLUMNS = len(MEASURES)
+N_ACTIONS = len(ACTIONS)
+"""A constant of the kernels, so that loops over actions are unrolled where they are compiled."""
 OUTCOMES = ("running", "solved", "deadlock", "cap")
 SOLVED, DEADLOCK, CAP = 1, 2, 3
-ASK_NOTHING, ASK_LABEL, ASK_REWARD, ASK_GUIDANCE, ASK_MISTAKE = range(5)
 
 
 class LaneWorld(NamedTuple):
@@ -52,10 +54,6 @@ class LanePlan(NamedTuple):
     """What a lane does."""
 
     episodes: int
-    asks_before: int
-    asks_after: int
-    teachers: int
-    """Number of teachers; 0 leaves the agent alone."""
     checkpoints: Sequence[int]
     """Episodes after which the greedy policy is tried, ascending; may be none."""
 
@@ -81,5 +79,5 @@ class Scratch(NamedTuple):
     """Room for one decision."""
 
     votes: MutableSequence[float]
-    one_hot: tuple[tuple[float, ...], ...]
+    one_hot: Sequence[Sequence[float]]
     """Belief in each action by label, and in none behind the last."""

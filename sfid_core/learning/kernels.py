@@ -114,22 +114,20 @@ def choose_first_block(m: Memory, p: tuple[float, ...], draws: Draws, state: int
     largest = values[at]
     chosen = 0
     ties = 1
+    # Which action it is, no processor can foretell: choices cost it less than branches.
     for action in range(1, m.actions):
         value = values[at + action]
-        if value > largest:
-            largest = value
-            chosen = action
-            ties = 1
-        elif value == largest:
-            ties += 1
+        more = value > largest
+        ties = 1 if more else ties + (value == largest)
+        chosen = action if more else chosen
+        largest = value if more else largest
     if ties == 1:
         return chosen
     place = below(draws.ties, decision, ties)
     for action in range(m.actions):
-        if values[at + action] == largest:
-            if place == 0:
-                return action
-            place -= 1
+        tied = values[at + action] == largest
+        chosen = action if tied & (place == 0) else chosen
+        place -= tied
     return chosen
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sfid_core.chance import stream
+from sfid_core.chance_array import streams
 from sfid_core.mdp import StateOutcome, TabularMDP
 from sfid_core.sokoban.actions import ACTIONS
 from sfid_core.sokoban.board import Board, Level
@@ -127,7 +128,7 @@ class WorldTables:
 
     def starts_of(self, seeds: Sequence[int], episodes: int) -> npt.NDArray[np.int32]:
         """Return int32 [n_seeds, episodes]: `draw_starts(seed).starts(episodes)` of each seed, far sooner."""
-        keys = [stream(seed, "starts") for seed in seeds]
+        keys = streams(seeds, "starts").tolist()
         if self.starts.kind is StartKind.SAMPLE:
             ids = sampled_ids(keys, self._solvable, self._own_start, self.starts.count).astype(np.int32)
         else:

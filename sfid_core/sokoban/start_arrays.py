@@ -1,12 +1,11 @@
 """The starts of many seeds at once: draw for draw those of `sfid_core.sokoban.starts`."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from sfid_core.chance import stream
-from sfid_core.chance_array import Words, belows
+from sfid_core.chance_array import Words, belows, streams
 from sfid_core.sokoban.starts import BALANCED_MAX, StartKind, StartOrder, WorldError, drawn_among
 
 TOGETHER_MAX = 64
@@ -20,15 +19,15 @@ def start_indexes(keys: Sequence[int], kind: StartKind, count: int, episodes: in
     if count == 1:
         return np.zeros((len(keys), episodes), dtype=np.int64)
     if kind is StartKind.ALL or count > BALANCED_MAX:
-        words = _words(stream(key, "start") for key in keys)
+        words = streams(keys, "start")
         return belows(words[:, np.newaxis], np.arange(episodes), count)
     if count > TOGETHER_MAX:
         orders = [StartOrder(count, kind, key) for key in keys]
         rows = [[order.index(episode) for episode in range(episodes)] for order in orders]
         return np.array(rows, dtype=np.int64).reshape(len(keys), episodes)
     blocks = -(-episodes // count)
-    words = _words(stream(key, "start", block) for key in keys for block in range(blocks))
-    return drawn_together(words, count, count).reshape(len(keys), blocks * count)[:, :episodes]
+    words = np.stack([streams(keys, "start", block) for block in range(blocks)], axis=1)
+    return drawn_together(words.reshape(-1), count, count).reshape(len(keys), blocks * count)[:, :episodes]
 
 
 def sampled_ids(keys: Sequence[int], pool: Ids, own: int, count: int) -> Ids:
@@ -37,12 +36,12 @@ def sampled_ids(keys: Sequence[int], pool: Ids, own: int, count: int) -> Ids:
         message = f"starts: {count} asked for, but the level has only {len(pool)} that can be solved"
         raise WorldError(message)
     others = pool[pool != own]
-    words = [stream(key, "sample") for key in keys]
+    words = streams(keys, "sample")
     if count - 1 > TOGETHER_MAX:
-        rows = [drawn_among(word, len(others), count - 1) for word in words]
+        rows = [drawn_among(word, len(others), count - 1) for word in words.tolist()]
         drawn = np.array(rows, dtype=np.int64).reshape(len(keys), count - 1)
     else:
-        drawn = drawn_together(_words(words), len(others), count - 1)
+        drawn = drawn_together(words, len(others), count - 1)
     ids = np.full((len(keys), count), own, dtype=np.int64)
     ids[:, 1:] = others[drawn]
     return ids
@@ -65,7 +64,3 @@ def _looked_up(places: Ids, moved: list[tuple[Ids, Ids]]) -> Ids:
     for place, value in moved:
         values = np.where(places == place, value, values)
     return values
-
-
-def _words(keys: Iterable[int]) -> Words:
-    return np.array(list(keys), dtype=np.uint64)

@@ -77,9 +77,13 @@ _SILENCE, _ERROR, _CHOICE, _HABIT, _SOFTEN, _TIRED, _DELAY_1, _DELAY_2 = range(1
 @kernel
 def preference_key(t: TeacherParameters, key: int, decision: int) -> int:
     """Return the stream that names the teacher's favourites at a decision."""
-    if t.drift_after > 0.0 and decision >= t.drift_after:
-        return draw(key, 16)
-    return draw(key, 0)
+    return draw(key, 16 if has_drifted(t, decision) else 0)
+
+
+@kernel
+def has_drifted(t: TeacherParameters, decision: int) -> bool:
+    """Tell whether the teacher has changed their mind."""
+    return (t.drift_after > 0.0) & (decision >= t.drift_after)
 
 
 @kernel
@@ -89,10 +93,7 @@ def preferred_of(preference: int, word: int, optimal: int, actions: int) -> int:
     Args: preference: `preference_key`; word: 64 bits of the state's key; optimal: bit a set where action a is
     optimal.
     """
-    count = count_actions(optimal, actions)
-    if count == 0:
-        return -1
-    return nth_action(optimal, 0 if count == 1 else below(preference, word, count), actions)
+    return nth_action(optimal, below(preference, word, count_actions(optimal, actions)), actions)
 
 
 @kernel
@@ -107,12 +108,12 @@ def count_actions(among: int, actions: int) -> int:
 @kernel
 def nth_action(among: int, place: int, actions: int) -> int:
     """Return the place-th action (from 0) whose bit is set in `among`; -1 where there are fewer."""
-    for action in range(actions):
-        if (among >> action) & 1:
-            if place == 0:
-                return action
-            place -= 1
-    return -1
+    chosen = -1
+    for action in range(actions):  # without branches, for no processor foretells which action it is
+        has = (among >> action) & 1
+        chosen = action if has & (place == 0) else chosen
+        place -= has
+    return chosen
 
 
 @kernel
@@ -211,15 +212,15 @@ def reward_of(  # noqa: PLR0913, PLR0917 - what a reward depends on
         right = (optimal >> action) & 1 == 1
     else:
         right = preferred_of(preference_key(t, key, decision), word, optimal, actions) == action
-    if t.reward_error > 0.0 and unit(draw(key, _ERROR), decision) < t.reward_error:
-        right = not right
-    drifted = t.drift_after > 0.0 and decision >= t.drift_after
-    spare = t.silence_right if right != drifted else t.silence_wrong
-    if spare > 0.0 and unit(draw(key, _HABIT), decision) < spare:
-        return 0.0
-    if not right and t.soften > 0.0 and unit(draw(key, _SOFTEN), decision) < t.soften:
+    if t.reward_error > 0.0:
+        right = right != (unit(draw(key, _ERROR), decision) < t.reward_error)
+    if t.silence_right > 0.0 or t.silence_wrong > 0.0:
+        spare = t.silence_right if right != has_drifted(t, decision) else t.silence_wrong
+        if unit(draw(key, _HABIT), decision) < spare:
+            return 0.0
+    if t.soften > 0.0 and not right and unit(draw(key, _SOFTEN), decision) < t.soften:
         right = True
-    if right and t.diminishing > 0.0:
+    if t.diminishing > 0.0 and right:
         at = state * actions + action
         given = m.praised[at]
         m.praised[at] += 1.0

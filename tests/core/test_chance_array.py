@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sfid_core.chance import below, draw, stream, unit
-from sfid_core.chance_array import belows, draws, units
+from sfid_core.chance_array import belows, draws, streams, units
 
 COUNTERS = [*range(50), 2**32 - 1, 2**32, 2**53, 2**63 + 1, 2**64 - 2]
 
@@ -19,6 +19,13 @@ def test_an_array_of_draws_is_bit_for_bit_the_single_draws(key: int) -> None:
 @pytest.mark.parametrize("n", [1, 2, 3, 1000, 2**31 + 1, 2**32])
 def test_an_array_of_bounded_draws_is_the_single_draws(n: int) -> None:
     assert belows(99, range(500), n).tolist() == [below(99, counter, n) for counter in range(500)]
+
+
+def test_the_streams_of_many_seeds_are_those_of_one_seed_at_a_time() -> None:
+    seeds = [0, 7, -3, 2**63, 12345678901234567]
+    assert streams(seeds, "start", 4).tolist() == [stream(seed, "start", 4) for seed in seeds]
+    assert streams(seeds).tolist() == [stream(seed) for seed in seeds]
+    assert streams([], "start").shape == (0,)
 
 
 def test_keys_and_counters_broadcast() -> None:
