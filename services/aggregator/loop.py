@@ -14,12 +14,15 @@ from services.runtime.bus import Request
 from services.runtime.clock import Clock
 from services.runtime.journal import JournalError, JournalFenced, Shard
 from services.runtime.status import CommitMeter
+from services.runtime.turnstile import Turnstile
 
 log = logging.getLogger("sfid.aggregator")
 
 BATCH_MAX = 256
 """Messages handled before a commit: bounds how long the first of them waits for its acknowledgement."""
 COMMIT_RETRY_MS = 500
+WAITING_MAX = 64
+"""Messages of one sender and kind that wait at most: who floods waits behind themselves."""
 
 
 class _Item(NamedTuple):
@@ -49,6 +52,7 @@ class DurableLoop:
         self._retry_at_ns = 0
         self._held: list[_Item] = []
         self.commits = CommitMeter(clock)
+        self.turnstile = Turnstile(WAITING_MAX)
 
     @property
     def waiting(self) -> int:
@@ -96,10 +100,10 @@ class DurableLoop:
         """Return a bus callback that has requests handled, and refuses them when the inbox is full."""
 
         def receive(request: Request) -> None:
-            if self._inbox.qsize() < self._inbox_max:
+            if self._inbox.qsize() < self._inbox_max and self.turnstile.enter(request.key):
                 self._inbox.put(_Item(handle, request, request))
             else:
-                busy = Refusal(code="busy", reason="the aggregator's inbox is full: send it again")
+                busy = Refusal(code="busy", reason="too much waits for the aggregator: send it again")
                 request.reply_error(encode(busy))
 
         return receive
@@ -152,6 +156,8 @@ class DurableLoop:
                 self._handle(item)
 
     def _handle(self, item: _Item) -> None:
+        if item.request is not None:
+            self.turnstile.leave(item.request.key)
         if not self._failing:
             item.handle(item.argument)
         elif item.request is not None:

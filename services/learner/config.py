@@ -14,7 +14,7 @@ class LearnerConfig:
     inbox_max: int = 16_384
     """Messages waiting, at most: a second of 32 teachers at full speed. More are refused with "busy"."""
     waiting_max: int = 64
-    """Of these, messages of one sender and kind: who floods waits behind themselves. Some 10 ms of the loop."""
+    """Of these, messages of one sender and kind: who floods holds up themselves. Some 10 ms of the loop."""
     commit_every_ms: int = 500
     """How long a row that nobody waits for may stay undurable."""
     teachers_gone_ms: int = 5_000

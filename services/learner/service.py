@@ -24,6 +24,7 @@ from services.runtime.bus import Bus, Presence, Request
 from services.runtime.clock import Clock
 from services.runtime.journal.errors import JournalError, JournalFenced
 from services.runtime.journal.shard import Shard
+from services.runtime.turnstile import Turnstile
 from sfid_core.learning.parameters import ParameterError
 from sfid_core.session.effects import (
     Announce,
@@ -43,6 +44,8 @@ log = logging.getLogger("sfid.learner")
 BATCH_MAX = 256
 """Messages handled before a commit: bounds how long the first of them waits for its acknowledgement."""
 COMMIT_RETRY_MS = 500
+INBOX_FULL = encode(Refusal(code="busy", reason="the learner's inbox is full: send it again"))
+TOO_MANY = encode(Refusal(code="busy", reason="too many messages of yours wait: send it again"))
 
 
 class _Item(NamedTuple):
@@ -77,6 +80,7 @@ class Learner:
         self._retry_at_ns = 0
         """When a failing journal is tried again; until then timers and all but requests wait."""
         self._held: list[_Item] = []
+        self.turnstile = Turnstile(config.waiting_max)
         self._present: set[tuple[str, str]] = set()
         self.world = WorldDesk(self)
         self.reception = Reception(self)
@@ -128,12 +132,12 @@ class Learner:
 
     def _receive(self, handle: Callable[[Request], None]) -> Callable[[Request], None]:
         def enqueue(request: Request) -> None:
-            if self._inbox.qsize() < self.config.inbox_max:
+            if self._inbox.qsize() >= self.config.inbox_max:
+                request.reply_error(INBOX_FULL)
+            elif self.turnstile.enter(request.key):
                 self._inbox.put(_Item(handle, request, request))
             else:
-                request.reply_error(
-                    encode(Refusal(code="busy", reason="the learner's inbox is full: send it again"))
-                )
+                request.reply_error(TOO_MANY)
 
         return enqueue
 
@@ -161,6 +165,8 @@ class Learner:
             self._commit()
 
     def _handle(self, item: _Item) -> None:
+        if item.request is not None:
+            self.turnstile.leave(item.request.key)
         if not self._failing:
             item.handle(item.argument)
         elif item.request is not None:

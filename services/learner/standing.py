@@ -41,7 +41,7 @@ class Standing:
     def _facts(self) -> dict[str, Any]:
         learner = self._learner
         lives = learner.sessions.values()
-        refused = {"malformed": learner.malformed.total()}
+        refused = {"malformed": learner.malformed.total(), "too-many-waiting": learner.turnstile.refused}
         if learner.reception.door is not None:
             refused |= {fault.value: count for fault, count in learner.reception.door.refused.items()}
         return {
