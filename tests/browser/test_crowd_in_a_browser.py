@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from services.router import free_endpoint
 from tests.browser.chromium import Tab, chromium, program
+from tests.services.aggregator.crowd_up import crowd_up
 from tests.services.cli.command_line import running, sfid, wait_for
 from tests.services.teachers.terminal import Terminal
 
@@ -29,29 +29,8 @@ FATE = "document.querySelector('.fate').dataset.state"
 
 @pytest.fixture
 def endpoint(tmp_path: Path) -> Iterator[str]:
-    """Yield where `sfid up` runs a learner, a crowd and its page."""
-    endpoint = free_endpoint()
-    settings = tmp_path / "up.toml"
-    settings.write_text(
-        f"""data = "{tmp_path}"
-listen = "{endpoint}"
-[monitor]
-enabled = false
-[gateway]
-enabled = true
-crowd = true
-listen = "127.0.0.1:0"
-[aggregator]
-enabled = true
-"""
-    )
-    with running("up", "--config", str(settings), stderr=tmp_path / "up.log") as up:
-        assert up.stdout is not None
-        while not up.stdout.readline().startswith("next: "):
-            assert up.poll() is None, (tmp_path / "up.log").read_text()
+    with crowd_up(tmp_path) as endpoint:
         yield endpoint
-        up.terminate()
-        up.wait(30)
 
 
 def test_a_page_a_terminal_and_a_script_teach_as_a_crowd_and_who_said_what_is_told(

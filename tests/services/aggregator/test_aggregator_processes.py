@@ -21,13 +21,13 @@ from services.client import AnswerState, AnswerUpdate, Client, Opened
 from services.gateway.config import GatewayConfig
 from services.gateway.service import read_status
 from services.outbox import Outbox
-from services.router import free_endpoint
 from services.runtime.access import access_for
 from services.runtime.clock import SystemClock
 from services.runtime.journal import read_rows, verify
 from services.runtime.register import new_token_id
 from services.runtime.secret import load_secrets
 from services.runtime.zenoh_bus import open_bus
+from tests.services.aggregator.crowd_up import crowd_up
 from tests.services.cli.command_line import kill, processes, running, sfid, wait_for
 from tests.services.gateway.gateway_house import Browser
 
@@ -139,30 +139,8 @@ class Deployment:
 
 @pytest.fixture
 def deployment(tmp_path: Path) -> Iterator[Deployment]:
-    endpoint = free_endpoint()
-    settings = tmp_path / "up.toml"
-    settings.write_text(
-        f"""data = "{tmp_path}"
-listen = "{endpoint}"
-[monitor]
-enabled = false
-[gateway]
-enabled = true
-crowd = true
-listen = "127.0.0.1:0"
-[aggregator]
-enabled = true
-"""
-    )
     with ExitStack() as stack:
-        up = stack.enter_context(running("up", "--config", str(settings), stderr=tmp_path / "up.log"))
-        assert up.stdout is not None
-        lines = [up.stdout.readline() for _ in range(4)]
-        assert lines[-1].startswith("next: ")
-        assert "members of the crowd teach with --deployment local-crowd\n" in lines
-        yield Deployment(tmp_path, endpoint, stack)
-        up.terminate()
-        up.wait(30)
+        yield Deployment(tmp_path, stack.enter_context(crowd_up(tmp_path)), stack)
 
 
 def test_page_terminal_and_script_teach_one_session_through_an_aggregator_that_is_killed(
