@@ -151,7 +151,7 @@ def claim_table(claims: Sequence[Claim]) -> Table:
         Column(
             "difference",
             Kind.NUMBER,
-            "Mean over seeds of the paired difference, in the unit of what the claim is about.",
+            "Mean over seeds of the paired difference.",
         ),
         Column("lo", Kind.NUMBER, "Lower end of the difference's interval."),
         Column("hi", Kind.NUMBER, "Upper end of the difference's interval."),
@@ -160,11 +160,12 @@ def claim_table(claims: Sequence[Claim]) -> Table:
         Column("cohen_dz", Kind.NUMBER, "Mean of the paired differences over their standard deviation."),
         Column("superiority", Kind.NUMBER, "Share of seeds in which the first arm is larger, ties half."),
         Column("seeds", Kind.WHOLE, "Number of seeds."),
+        Column("unit", Kind.TEXT, "Unit of difference, lo, hi and margin; empty for a number without one."),
     )
     rows = [
         (
             *(claim.claim, claim.holds, claim.difference, claim.ci.lo, claim.ci.hi, claim.level),
-            *(claim.margin, claim.cohen_dz, claim.superiority, claim.n_seeds),
+            *(claim.margin, claim.cohen_dz, claim.superiority, claim.n_seeds, claim.unit or None),
         )
         for claim in claims
     ]

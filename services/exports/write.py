@@ -44,6 +44,17 @@ def write_tables(
         ) from error
 
 
+def write_text(path: Path, text: str) -> Path:
+    """Write a text over a file of that name, never half, and return it. Raises: ExportError."""
+    try:
+        return _put(path, text.encode())
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ExportError(
+            f"cannot write {path}: {reason}; give a file in a folder you may write to"
+        ) from error
+
+
 def _put(path: Path, content: bytes) -> Path:
     part = path.with_name(path.name + ".part")
     part.write_bytes(content)

@@ -20,65 +20,6 @@ CENSORED = -1
 """The episode of a seed that was not in agreement before its run ended."""
 
 
-def state_agreement(values: npt.ArrayLike, preferred: npt.NDArray[np.bool_]) -> Floats:
-    """Return how probably a greedy agent takes an action that the teacher prefers, in every state.
-
-    Args: values: Q, [..., n_states, n_actions]; preferred: bool [n_states, n_actions].
-    Returns: float64 [..., n_states] in [0, 1]: the preferred share of the best actions, for ties are broken
-    at random: an untaught state counts as luck, not as agreement.
-    """
-    q = np.asarray(values, dtype=np.float64)
-    best = q == q.max(axis=-1, keepdims=True)
-    shares: Floats = (best & preferred).sum(axis=-1) / best.sum(axis=-1)
-    return shares
-
-
-def greedy_visits(
-    values: npt.NDArray[np.float64],
-    successor: npt.NDArray[np.int32],
-    terminal: npt.NDArray[np.bool_],
-    starts: npt.ArrayLike,
-    steps_max: int,
-) -> Floats:
-    """Return how often a greedy agent is expected to decide in each state, from starts of equal weight.
-
-    Args: values: Q, [n_states, n_actions]; successor: as in TabularMDP; terminal: [n_states]; starts: states;
-    steps_max: decisions of an episode. Returns: float64 [n_states], summing to the expected steps. Exact:
-    the probability is moved along all best actions, nothing is drawn.
-    """
-    q = np.asarray(values, dtype=np.float64)
-    best = q == q.max(axis=-1, keepdims=True)
-    policy = best / best.sum(axis=-1, keepdims=True)
-    places = np.asarray(starts, dtype=np.int64)
-    if not len(places):
-        raise ExperimentError("a greedy run needs at least one start state")
-    present: Floats = np.bincount(places, minlength=len(q)) / len(places)
-    visits = np.zeros(len(q))
-    for _ in range(steps_max):
-        present = np.where(terminal, 0.0, present)
-        if not present.any():
-            break
-        visits += present
-        moved = present[:, np.newaxis] * policy
-        arrived = np.bincount(successor.reshape(-1), weights=moved.reshape(-1), minlength=len(q))
-        present = arrived.astype(np.float64, copy=False)
-    return visits
-
-
-def weighted_agreement(shares: npt.ArrayLike, weights: npt.ArrayLike) -> Floats:
-    """Return the mean of `state_agreement` over states, weighted by visits or by 1 for a chosen set.
-
-    Args: shares, weights: [..., n_states], weights of 0 or more; they broadcast.
-    Raises: ExperimentError where a weight row is all 0: there is nothing to agree on.
-    """
-    given = np.asarray(weights, dtype=np.float64)
-    total = given.sum(axis=-1)
-    if not (total > 0).all():
-        raise ExperimentError("agreement over no states: give visits of at least one step a seed")
-    agreement: Floats = (np.asarray(shares, dtype=np.float64) * given).sum(axis=-1) / total
-    return agreement
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Onset:
     """Since when each seed's agent acts as the teacher prefers."""

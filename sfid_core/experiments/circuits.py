@@ -187,6 +187,6 @@ def claims(arms: Sequence[Arm], resampling: Resampling) -> tuple[Claim, ...]:
             success[TRAPPED],
             Direction.MORE,
             how,
-        )
+        ).measured_in("of the starts")
         for name in cures
     )

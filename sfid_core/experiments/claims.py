@@ -1,7 +1,7 @@
 """Sentences with a number behind them: a claim holds only where its interval supports it."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
@@ -39,6 +39,12 @@ class Claim:
     cohen_dz: float | None = None
     superiority: float | None = None
     """Share of seeds in which arm a is larger, a tie counting half."""
+    unit: str = ""
+    """Of the difference, its interval and the margin; empty for a number without one."""
+
+    def measured_in(self, unit: str) -> "Claim":
+        """Return the claim with its unit."""
+        return replace(self, unit=unit)
 
     def line(self) -> str:
         """Return the claim for a terminal; a claim that is not supported says so first."""
@@ -46,7 +52,8 @@ class Claim:
         if self.n_seeds < SEEDS_MIN:
             verdict += f" (fewer than {SEEDS_MIN} seeds)"
         within = "" if self.margin is None else f", margin {self.margin:.3g}"
-        numbers = f"{self.difference:+.3g} [{self.ci.lo:+.3g}, {self.ci.hi:+.3g}]{within}"
+        unit = f" {self.unit}" if self.unit else ""
+        numbers = f"{self.difference:+.3g} [{self.ci.lo:+.3g}, {self.ci.hi:+.3g}]{unit}{within}"
         return f"{verdict}: {self.claim}: {numbers} ({self.n_seeds} seeds, {self.level:.0%} interval)"
 
     def document(self) -> dict[str, Any]:
@@ -59,7 +66,12 @@ class Claim:
             "level": self.level,
             "seeds": self.n_seeds,
         }
-        optional = {"margin": self.margin, "cohen_dz": self.cohen_dz, "superiority": self.superiority}
+        optional = {
+            "unit": self.unit or None,
+            "margin": self.margin,
+            "cohen_dz": self.cohen_dz,
+            "superiority": self.superiority,
+        }
         return document | {name: value for name, value in optional.items() if value is not None}
 
 
@@ -141,8 +153,3 @@ def reaches(claim: str, values: npt.ArrayLike, threshold: float, resampling: Res
     ci = mean_interval(column, resampling)
     holds = ci.above(0) and len(column) >= SEEDS_MIN
     return Claim(claim, holds, float(exact_means(column)), ci, resampling.level, len(column))
-
-
-def all_hold(claims: Sequence[Claim]) -> bool:
-    """Return whether there are claims and every one of them holds."""
-    return bool(claims) and all(claim.holds for claim in claims)

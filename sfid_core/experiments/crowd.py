@@ -150,6 +150,7 @@ def _costs_little(
         margin=COST_MAX,
         cohen_dz=difference.cohen_dz,
         superiority=difference.superiority,
+        unit="of the starts",
     )
 
 

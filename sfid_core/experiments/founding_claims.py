@@ -24,6 +24,13 @@ WORDS = {
     Measure.DISCOUNTED_RETURN: "discounted return",
     Measure.INPUTS: "inputs",
 }
+UNITS = {
+    Measure.ABS_TD_ERROR: "of reward, mean of a step",
+    Measure.STEPS: "steps an episode",
+    Measure.DISCOUNTED_RETURN: "of reward an episode",
+    Measure.INPUTS: "inputs an episode",
+}
+_SUM_UNIT = "of reward, summed over an episode"
 _WORSE = {
     Measure.ABS_TD_ERROR: Direction.MORE,
     Measure.STEPS: Direction.MORE,
@@ -69,7 +76,7 @@ def _equal(four: Mapping[tuple[str, str], Arm], margin_share: float) -> list[Cla
             labels.per_seed(measure),
             reward.per_seed(measure),
             margin_share,
-        )
+        ).measured_in(UNITS[measure])
         for measure in FOUNDING_MEASURES
     ]
 
@@ -83,7 +90,7 @@ def _better(four: Mapping[tuple[str, str], Arm], resampling: Resampling) -> list
             reward.per_seed(measure),
             Direction.LESS,
             resampling,
-        )
+        ).measured_in(UNITS[measure])
         for measure in (Measure.STEPS, Measure.INPUTS)
     ]
 
@@ -98,7 +105,7 @@ def _worst(four: Mapping[tuple[str, str], Arm], resampling: Resampling) -> list[
             {arm.name: arm.per_seed(measure) for arm in others.values()},
             direction,
             resampling,
-        )
+        ).measured_in(UNITS[measure])
         for measure, direction in _WORSE.items()
     ]
 
@@ -112,14 +119,14 @@ def _summed(four: Mapping[tuple[str, str], Arm], resampling: Resampling, margin_
             sums[LABELS, EXPERT],
             sums[REWARD, EXPERT],
             margin_share,
-        ),
+        ).measured_in(_SUM_UNIT),
         is_extreme(
             "reward with the naive teacher is the worst of the four in |TD error| summed over an episode",
             sums[REWARD, NAIVE],
             others,
             Direction.MORE,
             resampling,
-        ),
+        ).measured_in(_SUM_UNIT),
     ]
 
 
@@ -131,12 +138,12 @@ def _time(four: Mapping[tuple[str, str], Arm], resampling: Resampling, margin_sh
             times[LABELS, EXPERT],
             times[REWARD, EXPERT],
             margin_share,
-        ),
+        ).measured_in("s"),
         differs(
             "with the naive teacher, sfid needs less teaching time than reward",
             times[LABELS, NAIVE],
             times[REWARD, NAIVE],
             Direction.LESS,
             resampling,
-        ),
+        ).measured_in("s"),
     ]

@@ -120,7 +120,7 @@ def claims(arms: Sequence[Arm], resampling: Resampling, sizes: Sequence[int] = S
             by_name[REWARD, place].totals[STEPS],
             Direction.LESS,
             how,
-        )
+        ).measured_in("steps")
         for place in places
     ]
     return (*helps, *(_trend(by_name, method, sizes, how) for method in (GUIDED, UNDOING)))

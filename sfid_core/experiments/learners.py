@@ -158,4 +158,4 @@ def _spelt(claim: Claim) -> Claim:
     text = claim.claim
     for episodes in reversed(CHECKPOINTS):  # success_30 is the beginning of success_300
         text = text.replace(total_name("success", episodes), f"success after {episodes} episodes")
-    return replace(claim, claim=text)
+    return replace(claim, claim=text, unit="of the starts")

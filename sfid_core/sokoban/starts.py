@@ -134,12 +134,6 @@ class StartDistribution:
         return self.board(self._order.index(episode))
 
 
-def start_states(level: Level, solution: Solution | None, spec: Starts, key: int) -> tuple[Board, ...]:
-    """Return every start of a distribution: the own start first, then the others as drawn or by id."""
-    starts = StartDistribution(level, solution, spec, key)
-    return tuple(starts.board(index) for index in range(len(starts)))
-
-
 def start_ids(pool: Ids, steps: npt.NDArray[np.integer], own: int, spec: Starts, key: int) -> Ids:
     """Return the ids of the starts that a distribution draws.
 

@@ -102,15 +102,6 @@ class StateTable:
         return Board(self.level, int(self.cells[player]), tuple(sorted((*boxes, *self.still_boxes))))
 
     @cached_property
-    def is_position(self) -> npt.NDArray[np.bool_]:
-        """Return bool [n_states]: False where the id puts the player into a box."""
-        free = np.ones((self.boxes.shape[1], self.n_cells), dtype=np.bool_)
-        ranks = np.arange(self.boxes.shape[1])
-        for box in self.boxes:
-            free[ranks, box] = False
-        return free.reshape(-1)
-
-    @cached_property
     def compact(self) -> dict[int, int]:
         """Return the compact cell of each of the level's cells that the player could reach."""
         return {int(cell): index for index, cell in enumerate(self.cells)}

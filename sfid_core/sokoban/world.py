@@ -4,10 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
 
-import numpy as np
-
 from sfid_core.chance import stream
-from sfid_core.mdp import StateOutcome, TabularMDP
 from sfid_core.outcome import Outcome
 from sfid_core.sokoban.actions import Action
 from sfid_core.sokoban.board import Board, Level
@@ -125,23 +122,6 @@ class World:
             return Consequence(after, config.step_reward + config.deadlock_reward, Outcome.DEADLOCK)
         capped = steps_done + 1 >= config.steps_max
         return Consequence(after, config.step_reward, Outcome.CAP if capped else Outcome.RUNNING)
-
-    def to_mdp(self) -> TabularMDP:
-        """Return the world as tables, states numbered as in `solution.table`, without the step cap.
-
-        Ids that are no position count as deadlocks; nothing leads to them.  Raises TooManyStates.
-        """
-        solution = self.solution or solve(self.level, self.config.states_max)
-        outcome = np.full(solution.table.n_states, StateOutcome.RUNNING, dtype=np.uint8)
-        outcome[solution.steps == 0] = StateOutcome.SOLVED
-        outcome[solution.steps < 0] = StateOutcome.DEADLOCK
-        ended = np.flatnonzero(outcome)
-        successor = solution.table.successor.copy()
-        successor[ended] = ended[:, np.newaxis]
-        bonus = np.array([0.0, self.config.goal_reward, self.config.deadlock_reward])
-        reward = self.config.step_reward + bonus[outcome[successor]]
-        reward[ended] = 0.0
-        return TabularMDP(successor, reward, outcome)
 
 
 def make_world(level: str, config: WorldConfig, starts: Starts | str, seed: int) -> World:

@@ -1,4 +1,4 @@
-"""The stop rule: agreement by state, along greedy runs, and since when."""
+"""The stop rule: since when the agent acts as the teacher prefers."""
 
 import numpy as np
 import pytest
@@ -6,71 +6,12 @@ import pytest
 from sfid_core.experiments.agreement import (
     CENSORED,
     agreement_totals,
-    greedy_visits,
     inputs_until,
     onset,
-    state_agreement,
-    weighted_agreement,
 )
 from sfid_core.experiments.errors import ExperimentError
 from sfid_core.experiments.intervals import Resampling
 from sfid_core.experiments.summary import Arm, summarise
-
-# A corridor 0 - 1 - 2 - 3 with the goal at 3: action 0 goes left, 1 goes right.
-SUCCESSOR = np.array([[0, 1], [0, 2], [1, 3], [3, 3]], dtype=np.int32)
-TERMINAL = np.array([False, False, False, True])
-RIGHT = np.array([[False, True]] * 4)
-GOES_RIGHT = np.array([[0.0, 1.0]] * 4)
-
-
-def test_agreement_is_the_preferred_share_of_the_best_actions() -> None:
-    values = np.array(
-        [[0.0, 0.0, 0.0, 0.0], [1.0, 2.0, 2.0, 0.0], [3.0, 1.0, 1.0, 1.0], [0.0, 5.0, 1.0, 0.0]]
-    )
-    preferred = np.array(
-        [
-            [True, False, False, False],
-            [False, True, True, False],
-            [False, True, False, False],
-            [True, True, False, False],
-        ]
-    )
-    assert state_agreement(values, preferred).tolist() == [0.25, 1.0, 0.0, 1.0]
-    many = state_agreement(np.stack([values, values + 7]), preferred)
-    assert many.tolist() == [[0.25, 1.0, 0.0, 1.0]] * 2
-
-
-def test_a_greedy_run_visits_each_state_of_its_way_once() -> None:
-    assert greedy_visits(GOES_RIGHT, SUCCESSOR, TERMINAL, [0], 10).tolist() == [1, 1, 1, 0]
-    assert greedy_visits(GOES_RIGHT, SUCCESSOR, TERMINAL, [0, 2, 3], 10).tolist() == pytest.approx(
-        [1 / 3, 1 / 3, 2 / 3, 0]
-    )
-    assert greedy_visits(GOES_RIGHT, SUCCESSOR, TERMINAL, [0], 2).tolist() == [1, 1, 0, 0]
-
-
-def test_ties_split_the_run() -> None:
-    """From 2 with a tie there: half arrives, half goes back to 1 and comes again; 1/(1 - 1/2) visits."""
-    tied = GOES_RIGHT.copy()
-    tied[2] = 4.0
-    assert greedy_visits(tied, SUCCESSOR, TERMINAL, [2], 200).tolist() == pytest.approx([0, 1, 2, 0])
-    expected = greedy_visits(tied, SUCCESSOR, TERMINAL, [2], 3).tolist()
-    assert expected == pytest.approx([0, 0.5, 1.5, 0])
-
-
-def test_a_run_in_a_circle_is_cut_at_its_limit() -> None:
-    goes_left = -GOES_RIGHT
-    assert greedy_visits(goes_left, SUCCESSOR, TERMINAL, [1], 100).tolist() == [99, 1, 0, 0]
-
-
-def test_agreement_is_weighted_by_visits() -> None:
-    shares = state_agreement(np.array([[0, 1.0], [0, 0], [1.0, 0], [0, 0]]), RIGHT)
-    assert shares.tolist() == [1, 0.5, 0, 0.5]
-    assert weighted_agreement(shares, [[1, 1, 0, 0], [0, 1, 3, 0]]).tolist() == [0.75, 0.125]
-    with pytest.raises(ExperimentError, match="agreement over no states"):
-        weighted_agreement(shares, [[1, 1, 0, 0], [0, 0, 0, 0]])
-    with pytest.raises(ExperimentError, match="at least one start state"):
-        greedy_visits(GOES_RIGHT, SUCCESSOR, TERMINAL, [], 10)
-
 
 AGREEMENT = np.array(
     [

@@ -6,7 +6,6 @@ import pytest
 from sfid_core.experiments.claims import (
     Claim,
     Direction,
-    all_hold,
     differs,
     is_equivalent,
     is_extreme,
@@ -118,10 +117,11 @@ def test_the_document_of_a_claim_has_what_the_experiment_prints() -> None:
     }
 
 
-def test_claims_hold_together_only_where_each_does_and_there_is_one() -> None:
-    yes = Claim("a", holds=True, difference=1, ci=Interval(1, 1))
-    no = Claim("b", holds=False, difference=1, ci=Interval(0, 1))
-    assert (all_hold([yes, yes]), all_hold([yes, no]), all_hold([])) == (True, False, False)
+def test_a_claim_tells_the_unit_of_its_numbers() -> None:
+    found = differs("less", [1.0] * 10 + [2.0] * 10, [4.0] * 20, Direction.LESS, HOW).measured_in("steps")
+    lo, hi = (f"{edge:+.3g}" for edge in found.ci)
+    assert found.line() == f"holds: less: -2.5 [{lo}, {hi}] steps (20 seeds, 95% interval)"
+    assert found.document()["unit"] == "steps"
 
 
 def test_chance_alone_is_claimed_as_rarely_as_the_level_says() -> None:

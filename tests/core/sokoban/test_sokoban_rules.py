@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from sfid_core.sokoban.actions import ACTIONS, DELTAS, Action
 from sfid_core.sokoban.board import Board
 from sfid_core.sokoban.levels import parse_levels
-from sfid_core.sokoban.lurd import from_lurd, to_lurd
+from sfid_core.sokoban.lurd import to_lurd
 from sfid_core.sokoban.rules import Move, step
+from tests.core.sokoban.readings import from_lurd
 
 
 def board(*rows: str) -> Board:
@@ -112,11 +113,3 @@ def test_solution_letters_replay_to_the_same_board(actions: list[Action]) -> Non
         there = step(there, action).board
     assert there == here
     assert sum(letter.isupper() for letter in letters) == pushes
-
-
-def test_a_letter_that_is_no_action_is_named() -> None:
-    assert from_lurd("lU\n r D") == (Action.LEFT, Action.UP, Action.RIGHT, Action.DOWN)
-    with pytest.raises(
-        ValueError, match=r"^character 3 of the solution is 'x'; use l, u, r, d or their capitals$"
-    ):
-        from_lurd("lux")

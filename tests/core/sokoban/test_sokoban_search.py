@@ -13,6 +13,7 @@ from sfid_core.sokoban.rules import step
 from sfid_core.sokoban.search import shortest
 from sfid_core.sokoban.solver import solve
 from sfid_core.sokoban.tables import TooManyStates
+from tests.core.sokoban.readings import positions
 
 BOXOBAN = Path(__file__).resolve().parents[4] / "shared" / "data" / "boxoban-test-100.txt"
 DRAWN = {
@@ -58,7 +59,7 @@ def test_any_position_of_a_drawn_room_takes_as_many_steps_as_the_table_says(
     level = next(generate(Recipe(7, 6, boxes, 1), seed))
     solution = solve(level)
     state = data.draw(
-        st.integers(0, solution.table.n_states - 1).filter(lambda n: solution.table.is_position[n])
+        st.integers(0, solution.table.n_states - 1).filter(lambda n: positions(solution.table)[n])
     )
     board = solution.table.board(state)
     moved = Level(level.width, level.height, level.walls, level.goals, board.player, board.boxes)

@@ -14,6 +14,7 @@ from sfid_core.sokoban.levels import load_bytes, packaged, parse_levels
 from sfid_core.sokoban.rules import step
 from sfid_core.sokoban.solver import Solution, solve
 from sfid_core.sokoban.tables import TooManyStates, build_table, count_states
+from tests.core.sokoban.readings import positions
 
 BOXOBAN = Path(__file__).resolve().parents[4] / "shared" / "data" / "boxoban-test-100.txt"
 
@@ -98,7 +99,7 @@ def test_the_room_has_576_unsolved_states_of_which_192_can_be_solved_in_at_most_
     unsolved = [board for board in placements(ROOM) if not board.solved]
     solution = solve(ROOM)
     assert (len(unsolved), len(placements(ROOM))) == (576, 600)
-    assert (solution.table.n_states, int(solution.table.is_position.sum())) == (625, 600)
+    assert (solution.table.n_states, int(positions(solution.table).sum())) == (625, 600)
     assert len(solution.solvable_states()) == sum(steps > 0 for steps in expected.values()) == 192
     assert solution.longest == max(expected.values()) == 11
 
@@ -106,7 +107,7 @@ def test_the_room_has_576_unsolved_states_of_which_192_can_be_solved_in_at_most_
 @pytest.mark.parametrize("name", SMALL)
 def test_the_table_follows_the_rules_in_every_state(name: str) -> None:
     table = build_table(drawn(name))
-    states = np.flatnonzero(table.is_position)
+    states = np.flatnonzero(positions(table))
     assert len(states) == len(placements(table.level))
     for state in states.tolist():
         board = table.board(state)
@@ -114,7 +115,7 @@ def test_the_table_follows_the_rules_in_every_state(name: str) -> None:
         expected = [table.state_id(step(board, action).board) for action in ACTIONS]
         assert table.successor[state].tolist() == expected
     assert (table.successors(states) == table.successor[states]).all()
-    holes = np.flatnonzero(~table.is_position)
+    holes = np.flatnonzero(~positions(table))
     assert (table.successor[holes] == holes[:, np.newaxis]).all()
 
 
@@ -197,7 +198,7 @@ def test_a_level_with_too_many_states_is_refused_with_number_limit_and_what_is_l
 )
 def test_what_is_called_surely_deadlocked_is_deadlocked(level: Level) -> None:
     solution = solve(level)
-    states = np.flatnonzero(solution.table.is_position)[:: max(1, solution.table.n_states // 4000)]
+    states = np.flatnonzero(positions(solution.table))[:: max(1, solution.table.n_states // 4000)]
     boards = [solution.table.board(state) for state in states]
     called = [board for board in boards if surely_deadlocked(board)]
     assert [board.to_xsb() for board in called if not solution.deadlocked(board)] == []
@@ -256,6 +257,6 @@ def test_boxoban_levels_are_solved_and_their_solutions_replay() -> None:
             board = step(board, action).board
         assert board.solved
         generator = np.random.default_rng(0)
-        for state in generator.choice(np.flatnonzero(solution.table.is_position), 300, replace=False):
+        for state in generator.choice(np.flatnonzero(positions(solution.table)), 300, replace=False):
             place = solution.table.board(state)
             assert not (surely_deadlocked(place) and not solution.deadlocked(place))

@@ -8,13 +8,14 @@ import pytest
 
 from sfid_core.mdp import StateOutcome, TabularMDP
 from sfid_core.outcome import Outcome
-from sfid_core.sokoban.actions import ACTIONS, Action
+from sfid_core.sokoban.actions import Action
 from sfid_core.sokoban.board import Board
 from sfid_core.sokoban.levels import packaged, parse_levels
 from sfid_core.sokoban.rules import step
 from sfid_core.sokoban.solver import solve
-from sfid_core.sokoban.starts import StartKind, Starts, start_states
+from sfid_core.sokoban.starts import StartKind, Starts
 from sfid_core.sokoban.world import Consequence, World, WorldConfig, WorldError, make_world
+from tests.core.sokoban.readings import start_states
 
 ROOM = packaged("room")[0]
 SOLVED_ROOM = solve(ROOM)
@@ -182,23 +183,6 @@ def test_a_configuration_that_makes_no_sense_is_refused(fields: dict[str, Any], 
     with pytest.raises(WorldError) as caught:
         WorldConfig(**fields)
     assert str(caught.value) == complaint
-
-
-def test_the_tables_say_what_the_episodes_do() -> None:
-    config = WorldConfig(goal_reward=7.0, step_reward=-0.5, deadlock_reward=-3.0)
-    world = World(ROOM, config, "1", 0)
-    mdp, table = world.to_mdp(), SOLVED_ROOM.table
-    outcomes = {Outcome.RUNNING: 0, Outcome.SOLVED: 1, Outcome.DEADLOCK: 2}
-    assert Counter(mdp.outcome[table.is_position].tolist()) == {0: 192, 1: 24, 2: 384}
-    for state in SOLVED_ROOM.solvable_states():
-        for action in ACTIONS:
-            done = world.execute(table.board(state), action, 0)
-            after = int(mdp.successor[state, action])
-            assert (table.board(after), mdp.reward[state, action]) == (done.board, done.reward)
-            assert mdp.outcome[after] == outcomes[done.outcome]
-    ended = np.flatnonzero(mdp.outcome)
-    assert (mdp.successor[ended] == ended[:, np.newaxis]).all()
-    assert not mdp.reward[ended].any()
 
 
 SUCCESSOR = np.array([[1, 0], [1, 1]], dtype=np.int32)

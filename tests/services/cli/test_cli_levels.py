@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 from sfid_core.sokoban.levels import load_bytes, packaged, parse_levels
-from sfid_core.sokoban.lurd import from_lurd, to_lurd
+from sfid_core.sokoban.lurd import to_lurd
 from sfid_core.sokoban.rules import step
+from tests.core.sokoban.readings import from_lurd
 from tests.services.cli.command_line import Done, sfid
 
 pytestmark = pytest.mark.real

@@ -74,12 +74,12 @@ def test_the_table_of_curves_has_means_and_intervals() -> None:
 
 
 def test_the_table_of_claims_leaves_cells_empty_that_say_nothing() -> None:
-    shown = Claim("fewer, by far", holds=True, difference=-2.5, ci=Interval(-3, -2), n_seeds=20)
+    shown = Claim("fewer, by far", holds=True, difference=-2.5, ci=Interval(-3, -2), n_seeds=20, unit="steps")
     equal = Claim("equal", holds=False, difference=0.5, ci=Interval(-1, 2), level=0.9, n_seeds=20, margin=1)
     assert csv_bytes(claim_table([shown, equal])).decode().splitlines() == [
-        "claim,holds,difference,lo,hi,level,margin,cohen_dz,superiority,seeds",
-        '"fewer, by far",true,-2.5,-3.0,-2.0,0.95,,,,20',
-        "equal,false,0.5,-1.0,2.0,0.9,1.0,,,20",
+        "claim,holds,difference,lo,hi,level,margin,cohen_dz,superiority,seeds,unit",
+        '"fewer, by far",true,-2.5,-3.0,-2.0,0.95,,,,20,steps',
+        "equal,false,0.5,-1.0,2.0,0.9,1.0,,,20,",
     ]
 
 
