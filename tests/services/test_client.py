@@ -468,6 +468,8 @@ def test_a_script_sees_each_decision_once_until_the_session_is_finished() -> Non
 
 def test_a_script_that_may_not_join_ends_with_the_learners_reason() -> None:
     desk = Desk()
-    desk.learner().join_refusal = Refusal(code="denied", reason="no token")
-    with desk.client as client, pytest.raises(TeachingError, match=r"session 's1': no token \(denied\)"):
+    learner = desk.learner()
+    learner.join_refusal = Refusal(code="denied", reason="no token")
+    with desk.client as client, pytest.raises(TeachingError) as refused:
         next(Teaching(client).decisions())
+    assert (str(refused.value), len(learner.joins)) == ("session 's1': no token (denied)", 1)

@@ -134,8 +134,9 @@ def test_one_who_leaves_is_gone_after_a_moment_and_comes_back(house: Gateway) ->
     house.stack.close()
     house.status(lambda _: seen == [True, False])
     house.browser().hello(token).next("decision")
-    house.status(lambda _: seen == [True, False, True])
-    house.status(lambda _: len(house.learner.joins) == 2)
+    house.status(lambda _: len(seen) == 3 and len(house.learner.joins) == 2)
+    assert seen == [True, False, True]
+    assert [join.teacher for join in house.learner.joins] == ["ann", "ann"]
 
 
 def test_a_second_tab_takes_over_with_a_clear_word(house: Gateway) -> None:
@@ -307,7 +308,7 @@ def test_a_mistake_of_ours_is_counted_and_the_person_goes_on(tmp_path: Path) -> 
         ann.next("screen")
         ann.send("submit", screen="form", button="go")
         ann.send("ping")
-        ann.next("pong")
+        assert ann.next("pong") == {"type": "pong"}
         house.refused(fault=1)
 
 

@@ -122,6 +122,7 @@ def test_a_late_viewer_sees_the_whole_past(monitor: Running, tmp_path: Path) -> 
         eventually(lambda: viewer.seen() == ([0, 1, 2], True))
     finally:
         viewer.end()
+    assert viewer.seen() == ([0, 1, 2], True)
 
 
 def test_a_stopped_viewer_never_stops_another(monitor: Running, tmp_path: Path) -> None:

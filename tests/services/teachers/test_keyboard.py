@@ -242,6 +242,7 @@ def test_a_late_answer_is_told_to_be_late() -> None:
         terminal.learner.code = "late"
         await terminal.press("up")
         await terminal.sees("side", "↑ UP too late: kept, not applied")
+        assert terminal.said() == [(0, "label", "UP", None)]
 
     at_terminal(play)
 
