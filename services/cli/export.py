@@ -15,6 +15,16 @@ class Format(Enum):
 
     RRD = "rrd"
     """A recording for the Rerun viewer."""
+    CSV = "csv"
+    """Tidy tables with a codebook, into a directory."""
+    PARQUET = "parquet"
+    """The same as Parquet."""
+    MINARI = "minari"
+    """A data set below a directory of data sets."""
+    LURD = "lurd"
+    """The episodes as solutions."""
+    XSB = "xsb"
+    """The level and the states in which episodes began."""
 
 
 def add_to(app: typer.Typer) -> None:
@@ -24,33 +34,69 @@ def add_to(app: typer.Typer) -> None:
 
 def export(
     directory: Annotated[Path, typer.Argument(help="Data directory of a learner.")],
-    out: Annotated[Path, typer.Option(help="File to write; one that is there is replaced.")],
+    out: Annotated[
+        Path,
+        typer.Option(help="File to write (rrd, lurd, xsb) or directory (csv, parquet, minari)."),
+    ],
     format: Annotated[Format, typer.Option(help="What to write.")] = Format.RRD,  # noqa: A002 - the flag's name
     session: Annotated[str | None, typer.Option(help="The session; not needed where there is one.")] = None,
     deployment: Annotated[str, typer.Option(help="Deployment whose name the recording carries.")] = "local",
     json: Json = False,
 ) -> None:
-    """Write a session from its journal alone: a recording holds what the live one holds."""
+    """Write a session from its journal alone: tables, a data set, levels, solutions or a recording."""
+    name = _the_session(directory, session)
+    if format is Format.RRD:
+        steps, episodes, written, hint = _recording(directory, name, deployment, out)
+    else:
+        steps, episodes, written, hint = _data(directory, name, format, out)
+    if json:
+        document = {"session": name, "format": format.value, "out": str(out), "steps": steps}
+        print_json(document | {"episodes": episodes, "files": [str(path) for path in written]})
+    else:
+        print(f"{out}: session {name}, {steps} steps, {episodes} episodes: {hint}")
+
+
+Written = tuple[int, int, tuple[Path, ...], str]
+"""(steps, episodes, files or folders, what to do with them)."""
+
+
+def _recording(directory: Path, name: str, deployment: str, out: Path) -> Written:
     from services.monitor.config import MonitorError
     from services.monitor.replayed import record_again
 
-    name = _the_session(directory, session)
     try:
-        written = record_again(directory, name, deployment, out)
+        again = record_again(directory, name, deployment, out)
     except MonitorError as error:
         raise CommandError(str(error)) from None
-    if json:
-        print_json(
-            {
-                "session": written.session, "format": format.value, "out": str(written.path),
-                "steps": written.steps, "episodes": written.episodes,
-            }
-        )  # fmt: skip
-    else:
-        print(
-            f"{written.path}: session {name}, {written.steps} steps, {written.episodes} episodes: "
-            f"`rerun {written.path}` shows it"
-        )
+    return again.steps, again.episodes, (again.path,), f"`rerun {again.path}` shows it"
+
+
+def _data(directory: Path, name: str, form: Format, out: Path) -> Written:
+    from services.exports.minari_data import write_minari
+    from services.exports.session_story import read_story
+    from services.exports.session_tables import session_tables
+    from services.exports.sokoban_files import lurd_solutions, xsb_levels
+    from services.exports.table import ExportError
+    from services.exports.write import Format as Tables
+    from services.exports.write import write_tables, write_text
+
+    try:
+        story = read_story(directory, name)
+        written: tuple[Path, ...]
+        if form in {Format.CSV, Format.PARQUET}:
+            about = f"Session {name}, from its journal."
+            written = write_tables(out, about, session_tables(story), (Tables(form.value),))
+            hint = f"{out / 'codebook.md'} explains every column"
+        elif form is Format.MINARI:
+            written = (write_minari(story, out),)
+            hint = f"minari.load_dataset('sfid/{name}-v0') reads it where MINARI_DATASETS_PATH={out}"
+        else:
+            text = lurd_solutions(story) if form is Format.LURD else xsb_levels(story)
+            written = (write_text(out, text),)
+            hint = "`sfid levels --help` says what reads it"
+    except ExportError as error:
+        raise CommandError(str(error)) from None
+    return len(story.steps), len(story.episodes), written, hint
 
 
 def _the_session(directory: Path, session: str | None) -> str:
