@@ -4,20 +4,26 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 _ROUTE = """
 import sys, threading
+from pathlib import Path
 from services.router import RouterConfig, run
 stop = threading.Event()
 threading.Thread(target=lambda: (sys.stdin.read(), stop.set()), daemon=True).start()
-run(RouterConfig(sys.argv[1]), lambda: print("ready", flush=True), stop)
+access = Path(sys.argv[2]) if sys.argv[2:] else None
+run(RouterConfig(sys.argv[1], access=access), lambda: print("ready", flush=True), stop)
 """
 
 
 @contextmanager
-def router_process(endpoint: str) -> Iterator[subprocess.Popen[str]]:
-    """Run a router at `endpoint` in another process; it ends with the block, or with this process."""
-    command = [sys.executable, "-c", _ROUTE, endpoint]
+def router_process(endpoint: str, access: Path | None = None) -> Iterator[subprocess.Popen[str]]:
+    """Run a router at `endpoint` in another process; it ends with the block, or with this process.
+
+    Args: access: directory of logins; None: it asks nobody.
+    """
+    command = [sys.executable, "-c", _ROUTE, endpoint, *([] if access is None else [str(access)])]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
