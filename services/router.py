@@ -10,8 +10,9 @@ from typing import Any
 
 from services.runtime.access import Guard, certificates, make_access, note_router
 from services.runtime.bus import BusError
+from services.runtime.endpoint import DEFAULT_ENDPOINT, is_loopback, reached_at, split_endpoint
 from services.runtime.zenoh_bus import ZenohRouter, router_config
-from services.runtime.zenoh_config import DEFAULT_ENDPOINT, LinkLimits, is_loopback, split_endpoint
+from services.runtime.zenoh_config import LinkLimits
 from services.topology import Role, access_control
 
 log = logging.getLogger("sfid.router")
@@ -111,6 +112,6 @@ def _protocol(config: RouterConfig) -> str:
 def _leave_word(config: RouterConfig, folder: Path | None) -> None:
     """Tell this person's programs on this machine where the logins are, so that no step is needed of them."""
     try:
-        note_router(config.listen, folder)
+        note_router(reached_at(config.listen), folder)
     except OSError as error:
         log.warning("programs here are to be given --access: %s", error.strerror or error)

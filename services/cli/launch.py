@@ -7,6 +7,7 @@ from services.cli.options import CONNECT_TIMEOUT_MS
 from services.cli.waiting import connected_bus
 from services.runtime.access import FOLDER
 from services.runtime.config import AggregatorSection, GatewaySection
+from services.runtime.endpoint import reached_at
 from services.runtime.signals import Stop
 from services.runtime.zenoh_bus import ZenohBus
 from services.supervisor import Service, Supervisor, write_processes
@@ -39,7 +40,7 @@ class Deployed:
     @property
     def common(self) -> tuple[str, ...]:
         """Flags of every client of the router."""
-        common = ("--connect", self.endpoint, "--deployment", self.deployment)
+        common = ("--connect", reached_at(self.endpoint), "--deployment", self.deployment)
         return (*common, "--access", str(self.logins)) if self.guarded else common
 
     @property
@@ -69,7 +70,9 @@ def router(deployed: Deployed) -> Service:
 
 def bus(deployed: Deployed, role: Role, timeout_ms: int = CONNECT_TIMEOUT_MS) -> ZenohBus:
     """Return this process's own bus, as one of that role."""
-    return connected_bus(deployed.endpoint, role, deployed.logins if deployed.guarded else None, timeout_ms)
+    return connected_bus(
+        reached_at(deployed.endpoint), role, deployed.logins if deployed.guarded else None, timeout_ms
+    )
 
 
 def environment(deployed: Deployed) -> Service:

@@ -11,6 +11,7 @@ from services.cli import launch
 from services.cli.failure import CommandError
 from services.cli.waiting import stoppable
 from services.runtime.config import Config, ConfigError, read_config
+from services.runtime.endpoint import is_loopback
 from services.runtime.log_config import configure
 from services.runtime.signals import Stop
 
@@ -18,7 +19,10 @@ log = logging.getLogger("sfid.up")
 CHECK_S = 0.2
 RequireTokens = Annotated[
     bool | None,
-    typer.Option(help="Let nobody teach without a token of `sfid invite`; overrides the file."),
+    typer.Option(
+        help="Let nobody teach without a token of `sfid keys new`; overrides the file; default: where other "
+        "machines reach the router."
+    ),
 ]
 
 
@@ -47,7 +51,7 @@ def up(
         raise CommandError(str(error)) from None
     deployed = launch.Deployed(
         data or Path(settings.data), listen or settings.listen, settings.deployment,
-        settings.require_tokens if require_tokens is None else require_tokens,
+        asks_for_tokens(settings, listen, require_tokens),
     )  # fmt: skip
     try:
         launch.make_directories(deployed.data)
@@ -57,6 +61,13 @@ def up(
     configure("up")
     with suppress(KeyboardInterrupt), stoppable() as stop:  # being stopped is how it ends well
         _run(deployed, settings, stop, viewer=viewer, gateway=gateway, crowd=crowd)
+
+
+def asks_for_tokens(settings: Config, listen: str | None, said: bool | None) -> bool:
+    """Return whether teachers must have tokens: as said, else where other machines reach the router."""
+    if said is None:
+        said = settings.require_tokens
+    return not is_loopback(listen or settings.listen) if said is None else said
 
 
 def _run(

@@ -63,8 +63,9 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     listen: str = "tcp/127.0.0.1:7447"
     """Endpoint of the router."""
     deployment: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,47}$")] = "local"
-    require_tokens: bool = False
-    """Whether teachers, and members of the crowd, are let in only with a token of `sfid invite`."""
+    require_tokens: bool | None = None
+    """Whether teachers, and members of the crowd, are let in only with a token of `sfid keys new` or
+    `sfid invite`; not said: where other machines reach the router."""
     monitor: MonitorSection = MonitorSection()
     gateway: GatewaySection = GatewaySection()
     aggregator: AggregatorSection = AggregatorSection()

@@ -22,6 +22,13 @@ def split_endpoint(endpoint: str) -> tuple[str, str, int]:
     raise BusError(message)
 
 
+def reached_at(endpoint: str) -> str:
+    """Return where programs of this machine reach a router that listens at `endpoint`."""
+    protocol, host, port = split_endpoint(endpoint)
+    here = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(host)  # noqa: S104 - it is looked for, not bound
+    return endpoint if here is None else f"{protocol}/{here}:{port}"
+
+
 def is_loopback(endpoint: str) -> bool:
     """Whether only this machine can reach `endpoint`; a host name but localhost counts as reachable."""
     _, host, _ = split_endpoint(endpoint)

@@ -7,6 +7,7 @@ import threading
 import pytest
 
 from services.router import RouterConfig, RouterError, free_endpoint, run
+from services.runtime.endpoint import reached_at
 from services.runtime.zenoh_bus import open_bus
 from services.runtime.zenoh_config import client_config, is_loopback, router_config, split_endpoint
 
@@ -69,6 +70,18 @@ def test_the_flag_lets_it_listen_to_the_network() -> None:
     _, _, port = split_endpoint(free_endpoint())
     run(RouterConfig(f"tcp/0.0.0.0:{port}", insecure_bind=True), lambda: ready.put(item=True), stop)
     assert ready.get_nowait()
+
+
+@pytest.mark.parametrize(
+    "listen,there",
+    [
+        ("tls/0.0.0.0:7447", "tls/127.0.0.1:7447"),
+        ("tcp/[::]:7447", "tcp/[::1]:7447"),
+        ("tcp/192.0.2.1:7447", "tcp/192.0.2.1:7447"),
+    ],
+)
+def test_a_router_at_all_addresses_is_reached_at_the_loopback(listen: str, there: str) -> None:
+    assert reached_at(listen) == there
 
 
 def test_a_malformed_endpoint_is_refused_with_an_example() -> None:

@@ -66,9 +66,15 @@ class Lesson:
 
     def raw(self, role: str) -> zenoh.Session:
         """Return a session of Zenoh's own with the login of a role: what an attacker may use."""
-        access = read_access(self.deployed.logins, role) if self.deployed.guarded else None
-        config = client_config(self.deployed.endpoint, access=access)
-        return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+        return raw_session(
+            self.deployed.endpoint, self.deployed.logins if self.deployed.guarded else None, role
+        )
+
+
+def raw_session(endpoint: str, folder: Path | None, role: str) -> zenoh.Session:
+    """Return a session of Zenoh's own with the login of a role in that folder."""
+    access = None if folder is None else read_access(folder, role)
+    return zenoh.open(zenoh.Config.from_json5(json.dumps(client_config(endpoint, access=access))))
 
 
 @contextmanager
