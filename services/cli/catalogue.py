@@ -1,5 +1,9 @@
 """`sfid methods` and `sfid teachers`: what there is to choose from, with parameters, ranges and sources."""
 
+import ast
+import inspect
+import textwrap
+from itertools import pairwise
 from typing import Annotated, Any
 
 import typer
@@ -66,24 +70,42 @@ def _show_method(method: Method, *, as_json: bool) -> None:
 
 def _show(name: str, what: str, parameters: Any, *, as_json: bool) -> None:  # noqa: ANN401 - each has its own
     if as_json:
-        print_json(_persona_document(name))
+        print_json(_persona_document(name) | {"parameters": parameter_rows(parameters)})
         return
     console = Console()
     console.print(f"{name}: {what}", highlight=False)
-    table = _table("parameter", "value", "range or choices", "source")
+    table = _table("parameter", "value", "range or choices", "meaning")
     for row in parameter_rows(parameters):
-        table.add_row(*(str(cell) for cell in row.values()))
+        source = f" ({row['source']})" if row["source"] else ""
+        table.add_row(str(row["name"]), str(row["value"]), str(row["range"]), f"{row['meaning']}{source}")
     console.print(table)
 
 
+def meanings(kind: type[Any]) -> dict[str, str]:
+    """Return what each field of a class means: the string below it in the source."""
+    (found,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+    body = found.body if isinstance(found, ast.ClassDef) else []
+    return {
+        field.target.id: " ".join(text.value.value.split())
+        for field, text in pairwise(body)
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
+        and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
+        and isinstance(text.value.value, str)
+    }  # fmt: skip
+
+
 def parameter_rows(parameters: Any) -> list[dict[str, Value]]:  # noqa: ANN401 - each method has its own
-    """Return name, value, range (with unit) and source of each parameter."""
+    """Return name, value, range (with unit), meaning and source of each parameter."""
     allowed, values = limits(type(parameters)), as_written(parameters)
+    told = meanings(type(parameters))
     rows: list[dict[str, Value]] = []
     for name, limit in allowed.items():
         unit = "" if isinstance(limit, Choice) else limit.unit
         within = f"{limit} {unit}".strip()
-        rows.append({"name": name, "value": values[name], "range": within, "source": limit.source})
+        rows.append({
+            "name": name, "value": values[name], "range": within, "meaning": told.get(name, ""),
+            "source": limit.source,
+        })  # fmt: skip
     return rows
 
 

@@ -39,7 +39,8 @@ def circuits(
     as_json: Json = False,
 ) -> None:
     """Positive reward circuits: the goal reward that rules them out, and what cures a trapped learner."""
-    from services.cli.experiment_files import write_total_files
+    from services.cli.experiment_files import Dots, write_total_files
+    from services.plots.figures import total_grid
     from sfid_core.experiments import circuits as experiment
     from sfid_core.experiments.intervals import Resampling
     from sfid_core.experiments.learners import arm
@@ -53,7 +54,11 @@ def circuits(
     arms = [arm(*pair) for pair in zip(conditions, run.results, strict=True)]
     resampling = Resampling(seed=seed)
     summaries, claims = summarise(arms, resampling), experiment.claims(arms, resampling)
-    files = [] if out is None else write_total_files(out, "circuits", arms, claims, numbers)
+    files = []
+    if out is not None:
+        grid = total_grid(summaries, f"success_{experiment.EPISODES}", "Share of the starts solved")
+        dots = [Dots("circuits", grid, (0.0, 1.0))]
+        files = write_total_files(out, "circuits", arms, claims, numbers, dots)
     if as_json:
         print_json({
             "seeds": seeds, "seconds": run.seconds, "sha256": run.sha256, "minima": minima,

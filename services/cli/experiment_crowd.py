@@ -30,6 +30,8 @@ from sfid_core.experiments.summary import Arm, ArmSummary
 
 ALONE, MIXED = "alone", "30 % random"
 SHORT = {ALONE: "", MIXED: ", random too"}
+RECORDED = {"success": "Solved after 30 episodes", "accuracy": "Crowd's answers right", "labels": "Labels"}
+"""Totals that the recording shows, and how its plots are called."""
 
 
 def add_to(app: typer.Typer) -> None:
@@ -183,7 +185,31 @@ def _write_files(
             drawn = write_dots([_grid(summaries)], folder / "crowd", note)
     except (ExportError, PlotError) as error:
         raise CommandError(str(error)) from None
-    return [*tables, *drawn]
+    return [*tables, *drawn, _record(folder / "crowd.rrd", conditions, summaries)]
+
+
+def _record(path: Path, conditions: Sequence[CrowdCondition], summaries: Sequence[ArmSummary]) -> Path:
+    """Write what the crowds come to by the number of their members, a line a kind of crowd."""
+    from services.monitor.config import MonitorError
+    from services.monitor.experiment_recording import Course, record_courses
+
+    sized = bool(conditions[0].size)
+    points: dict[tuple[str, str], list[tuple[float, ...]]] = {}
+    for number, (condition, summary) in enumerate(zip(conditions, summaries, strict=True)):
+        company = MIXED if "random" in condition.mix else ALONE
+        name = f"{condition.quality} {company}" if sized else summary.teacher
+        for total, title in RECORDED.items():
+            mean, ci = summary.totals[total]
+            points.setdefault((title, name), []).append((condition.size if sized else number, mean, *ci))
+    courses = [
+        Course(plot, name, at.astype(np.int64), mean, lo, hi)
+        for (plot, name), rows in points.items()
+        for at, mean, lo, hi in (np.array(rows, dtype=np.float64).T,)
+    ]
+    try:
+        return record_courses(path, courses, "members" if sized else "crowd")
+    except MonitorError as error:
+        raise CommandError(str(error)) from None
 
 
 def _panels(conditions: Sequence[CrowdCondition], summaries: Sequence[ArmSummary]) -> list[Any]:

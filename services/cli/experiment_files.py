@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -12,9 +12,15 @@ from services.exports.experiment_tables import claim_table, curve_table, episode
 from services.exports.table import Column, ExportError, Kind
 from services.exports.write import write_tables
 from services.monitor.config import MonitorError
-from services.monitor.experiment_recording import record_curves
-from services.plots.figures import require_matplotlib, total_grid, write_figure2, write_heat_table
-from services.plots.model import PlotError, Width
+from services.monitor.experiment_recording import Course, record_courses, record_curves
+from services.plots.figures import (
+    require_matplotlib,
+    total_grid,
+    write_dots,
+    write_figure2,
+    write_heat_table,
+)
+from services.plots.model import Grid, PlotError, Width
 from sfid_core.experiments.claims import Claim
 from sfid_core.experiments.guidance import CONVERGED, INPUTS, STEPS
 from sfid_core.experiments.intervals import Floats
@@ -71,7 +77,7 @@ def write_learner_files(folder: Path, found: "Sequence[LevelFindings]", seeds: S
             for one in found
             for path in _learner_files(folder if len(found) == 1 else folder / _slug(one.level), one, seeds)
         ]
-    except (ExportError, PlotError) as error:
+    except (ExportError, PlotError, MonitorError) as error:
         raise CommandError(str(error)) from None
 
 
@@ -85,6 +91,18 @@ def _learner_files(folder: Path, found: "LevelFindings", seeds: Sequence[int]) -
         title = f"Share solved after {episodes} episodes: {found.level}"
         grid = total_grid(found.summaries, total_name("success", episodes), title)
         yield from write_heat_table(grid, folder / f"learners-{episodes}", note, Width.PAGE)
+    yield record_courses(folder / "learners.rrd", _checked_courses(found.summaries), "episode")
+
+
+def _checked_courses(summaries: Sequence[ArmSummary]) -> list[Course]:
+    """Return a plot a teacher, a line a method: what the policy alone solves after so many episodes."""
+    courses = []
+    for summary in summaries:
+        told = [summary.totals[total_name("success", episodes)] for episodes in CHECKPOINTS]
+        mean, lo, hi = np.array([(middle, *ci) for middle, ci in told], dtype=np.float64).T
+        title = f"Share solved, {summary.teacher}"
+        courses.append(Course(title, summary.method, np.array(CHECKPOINTS, dtype=np.int64), mean, lo, hi))
+    return courses
 
 
 def _checked_columns() -> dict[str, Column]:
@@ -101,19 +119,42 @@ def _checked_columns() -> dict[str, Column]:
     }
 
 
+class Dots(NamedTuple):
+    """A figure of an experiment: what it shows, and on which scale."""
+
+    name: str
+    """Of the file, without an ending."""
+    grid: Grid
+    limits: tuple[float, float] | None = None
+    """Of the scale; None for what the intervals need."""
+
+
 def write_total_files(
-    folder: Path, experiment: str, arms: Sequence[Arm], claims: Sequence[Claim], seeds: Sequence[int]
+    folder: Path,
+    experiment: str,
+    arms: Sequence[Arm],
+    claims: Sequence[Claim],
+    seeds: Sequence[int],
+    figures: Sequence[Dots],
 ) -> list[Path]:
-    """Write a row for every arm and seed, and the claims, with a codebook; return the files."""
+    """Write a row for every arm and seed, and the claims, with a codebook, and figures; return the files."""
     about = f"sfid experiment {experiment}, {len(seeds)} seeds from {seeds[0]}, simulated teachers"
     explained = _checked_columns() | {
         STEPS: Column(STEPS, Kind.WHOLE, "Actions until the episodes stayed near the fewest steps.", "steps"),
         INPUTS: Column(INPUTS, Kind.WHOLE, "Answers applied until then.", "answers"),
         CONVERGED: Column(CONVERGED, Kind.TRUTH, "Whether they came to; if not, the whole run is counted."),
     }
+    note = f"Means over {len(seeds):,} seeds with 95 % intervals; simulated teachers."
     try:
-        return list(write_tables(folder, about, (seed_table(arms, seeds, explained), claim_table(claims))))
-    except ExportError as error:
+        return [
+            *write_tables(folder, about, (seed_table(arms, seeds, explained), claim_table(claims))),
+            *(
+                path
+                for one in figures
+                for path in write_dots([one.grid], folder / one.name, note, limits=one.limits)
+            ),
+        ]
+    except (ExportError, PlotError) as error:
         raise CommandError(str(error)) from None
 
 

@@ -1,8 +1,9 @@
 """`sfid experiment guidance`: the benefit of guidance as the room grows."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -12,6 +13,9 @@ from services.cli.experiment_shared import Out, Plain, Seeds, Workers, print_fin
 from services.cli.options import Json, Seed, Starts, print_json
 from sfid_core.experiments.guidance import CONVERGED, INPUTS, STEPS, Benefit
 from sfid_core.experiments.summary import ArmSummary
+
+if TYPE_CHECKING:
+    from services.cli.experiment_files import Dots
 
 
 def add_to(app: typer.Typer) -> None:
@@ -41,7 +45,9 @@ def guidance(
     resampling = Resampling(seed=seed)
     summaries, claims = summarise(arms, resampling), experiment.claims(arms, resampling)
     benefits = experiment.benefits(arms, resampling)
-    files = [] if out is None else write_total_files(out, "guidance", arms, claims, numbers)
+    files = []
+    if out is not None:
+        files = write_total_files(out, "guidance", arms, claims, numbers, figures(summaries, benefits))
     if as_json:
         print_json({
             "seeds": seeds, "seconds": run.seconds, "sha256": run.sha256,
@@ -62,6 +68,22 @@ def _arm(summary: ArmSummary) -> dict[str, Any]:
         mean, interval = summary.totals[name]
         document[name] = [mean, *interval]
     return document
+
+
+def figures(summaries: Sequence[ArmSummary], benefits: Sequence[Benefit]) -> "list[Dots]":
+    """Return the steps that each way of teaching needs in each room, and how many times fewer they are."""
+    from services.cli.experiment_files import Dots
+    from services.plots.figures import total_grid
+    from services.plots.model import Grid
+
+    steps = total_grid(summaries, STEPS, "Steps to converge")
+    ways = dict.fromkeys(one.method for one in benefits)
+    rooms = dict.fromkeys(one.room for one in benefits)
+    known = {(one.room, one.method): (one.ratio, *one.ci) for one in benefits}
+    cells = np.array([[known[room, way] for way in ways] for room in rooms], dtype=np.float64)
+    fewer = Grid("Times fewer steps than rewards alone", tuple(rooms), tuple(ways), *np.moveaxis(cells, 2, 0))
+    turned = Grid(steps.title, steps.columns, steps.rows, steps.values.T, steps.lo.T, steps.hi.T)
+    return [Dots("guidance-steps", turned), Dots("guidance", fewer)]
 
 
 def guidance_table(summaries: Sequence[ArmSummary], benefits: Sequence[Benefit]) -> Table:

@@ -90,25 +90,34 @@ def _replay_with(
     json: bool,
 ) -> None:
     """Print what another method would have learnt from the recorded steps and answers."""
-    from services.experiments.other_method import replay_with
+    from services.experiments.other_method import Misfit, replay_with
 
     if verify:
         message = "--verify compares with what was noted under the recorded method: leave out --method"
         raise CommandError(message)
     try:
-        replayed = replay_with(directory, method, given, session)
+        found = replay_with(directory, method, given, session)
     except DecodeError as error:
         message = f"{directory}: a row cannot be read ({error}): `sfid verify {directory}` tells where"
         raise CommandError(message, NOT_SO) from None
-    if not replayed:
+    if not found:
         raise _no_session(directory, session)
+    misfits = [one for one in found if isinstance(one, Misfit)]
+    replayed = [one for one in found if not isinstance(one, Misfit)]
+    if not replayed:
+        others = f" (and {len(misfits) - 1} more sessions)" if len(misfits) > 1 else ""
+        message = f"session {misfits[0].session}{others}: {misfits[0].reason}"
+        raise CommandError(message)
     if json:
         rows = [
             {"session": one.session, "decisions": one.decisions, "answers": one.answers,
              "recorded": asdict(one.recorded), "other": asdict(one.other)}
             for one in replayed
         ]  # fmt: skip
-        print_json({"off_policy": True, "note": OFF_POLICY, "parameters": given, "sessions": rows})
+        print_json({
+            "off_policy": True, "note": OFF_POLICY, "parameters": given, "sessions": rows,
+            "misfits": [asdict(one) for one in misfits],
+        })  # fmt: skip
         return
     print(OFF_POLICY)
     for one in replayed:
@@ -116,6 +125,8 @@ def _replay_with(
         for role, lesson in (("recorded", one.recorded), ("other", one.other)):
             solves = "" if lesson.success is None else f", alone solves {lesson.success:.0%} of all states"
             print(f"  {role} {lesson.method}: {lesson.states} states{solves}, q_sha256 {lesson.q_sha256}")
+    for misfit in misfits:
+        print(f"{misfit.session}: left out: {misfit.reason}")
 
 
 def _row(one: Replayed) -> dict[str, object]:

@@ -13,7 +13,8 @@ from services.runtime.journal import read_rows
 from sfid_core.experiments.batch import world_of
 from sfid_core.experiments.onlooker import greedy_success, watched_session
 from sfid_core.learning.learner import Learner
-from sfid_core.learning.parameters import Value
+from sfid_core.learning.methods import method_parameters
+from sfid_core.learning.parameters import ParameterError, Value
 from sfid_core.session.config import SessionConfig, WorldSpec
 from sfid_core.session.machine import advance
 from sfid_core.sokoban.live import WorldTables, tabulate
@@ -33,6 +34,14 @@ class Lesson:
 
 
 @dataclass(frozen=True, slots=True)
+class Misfit:
+    """A session that another method cannot learn from, and why, in one line with the mend."""
+
+    session: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class OtherMethod:
     """What a session's recorded steps and answers come to under its own method and another."""
 
@@ -45,18 +54,30 @@ class OtherMethod:
 
 def replay_with(
     data_dir: Path, method: str, given: Mapping[str, Value], session: str | None = None
-) -> list[OtherMethod]:
+) -> list[OtherMethod | Misfit]:
     """Return every session (or the one named) of a data directory under another method, by name.
 
-    The other method does not choose: it learns from steps that the recorded one took.
-    Raises: ParameterError for a method that lives on other answers, JournalError, DecodeError.
+    The other method does not choose: it learns from steps that the recorded one took. A session whose answers
+    it does not live on, or in which its parameters make no sense, is a misfit.
+    Raises: ParameterError for an unknown method or parameters that it does not have, JournalError,
+    DecodeError.
     """
+    method_parameters(method, given)
     records: dict[str, list[Record]] = defaultdict(list)
     for row in read_rows(data_dir, session):
         if row.body is not None:
             records[row.session].append(Record(row.kind, row.at_ns, row.body))
     created = {name: rows for name, rows in records.items() if rows[0].kind == Kind.CREATED.value}
-    return [_replayed(name, rows, method, given) for name, rows in sorted(created.items())]
+    return [_replayed_or_misfit(name, rows, method, given) for name, rows in sorted(created.items())]
+
+
+def _replayed_or_misfit(
+    name: str, records: list[Record], method: str, given: Mapping[str, Value]
+) -> OtherMethod | Misfit:
+    try:
+        return _replayed(name, records, method, given)
+    except ParameterError as error:
+        return Misfit(name, str(error))
 
 
 def _replayed(name: str, records: list[Record], method: str, given: Mapping[str, Value]) -> OtherMethod:

@@ -90,9 +90,11 @@ def _number(name: str, value: Value, allowed: Range | Choice, default: float) ->
             message = f"{name} {value!r} is unknown: choose one of {allowed}"
             raise ParameterError(message)
         return allowed.words.index(str(value))
-    if isinstance(value, str) or value not in allowed:
-        kept = f" ({allowed.source})" if allowed.source else ""
-        shown = repr(value) if isinstance(value, str) else value
-        message = f"{name} {shown} is outside {allowed}: the default is {default:g}{kept}"
+    kept = f" ({allowed.source})" if allowed.source else ""
+    if isinstance(value, str):
+        message = f"{name} {value!r} is no number: give one in {allowed}; the default is {default:g}{kept}"
+        raise ParameterError(message)
+    if value not in allowed:
+        message = f"{name} {value} is outside {allowed}: the default is {default:g}{kept}"
         raise ParameterError(message)
     return float(value)

@@ -43,7 +43,7 @@ def read_levels(text: str) -> tuple[Level | LevelError, ...]:
     """
     blocks, shared = blocks_of(text)
     if not blocks:
-        message = "empty: no level found; draw one with # walls, @ player, $ boxes and . goals"
+        message = "no level found; draw one with # walls, @ player, $ boxes and . goals"
         raise LevelError(message)
     return tuple(_level_or_fault(block, shared) for block in blocks)
 

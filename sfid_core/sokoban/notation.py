@@ -34,6 +34,7 @@ class Block:
     """The rows of one level, or the fault for which they cannot be read, and its keys (`title`, ...)."""
 
     number: int
+    """Its place in the file, from 0 as in FILE:N."""
     rows: list[Row]
     keys: dict[str, str] = field(default_factory=dict)
     fault: LevelError | None = None
@@ -59,7 +60,7 @@ def blocks_of(text: str) -> tuple[list[Block], dict[str, str]]:
     pending: dict[str, str] = {}
     for index, (kind, lines) in enumerate(runs):
         if kind == "rows":
-            blocks.append(_block(len(blocks) + 1, lines, pending))
+            blocks.append(_block(len(blocks), lines, pending))
             pending = {}
         elif kind == "words":
             keys = dict(_keys(lines))

@@ -49,8 +49,9 @@ class TeacherParameters(NamedTuple):
     delay: Annotated[int, Choice(("none", "uniform", "gamma"))] = 0
     """Time to answer: at once, uniform from `delay_min_ms` to `delay_max_ms`, or Gamma of shape 2."""
     delay_min_ms: Annotated[float, _DELAY] = 200.0
+    """Shortest time to answer, with delay `uniform`."""
     delay_max_ms: Annotated[float, _DELAY] = 800.0
-    """0.2 to 0.8 s is the window of Knox & Stone 2009."""
+    """Longest time to answer, with delay `uniform`; 0.2 to 0.8 s is the window of Knox & Stone 2009."""
     delay_scale_ms: Annotated[float, _DELAY] = 280.0
     """Scale of the Gamma: 0.28 s, Knox & Stone 2009 (from memory, unverified)."""
 

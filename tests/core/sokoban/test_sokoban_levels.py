@@ -120,65 +120,65 @@ def test_comments_separate_levels_and_keys_name_them() -> None:
 @pytest.mark.parametrize(
     "text, complaint",
     [
-        ("", "empty: no level found; draw one with # walls, @ player, $ boxes and . goals"),
+        ("", "no level found; draw one with # walls, @ player, $ boxes and . goals"),
         (
             "just words\n\nand more",
-            "empty: no level found; draw one with # walls, @ player, $ boxes and . goals",
+            "no level found; draw one with # walls, @ player, $ boxes and . goals",
         ),
-        ("#####\n# $.#\n#####", "level 1, lines 1-3: no player; put one @ (or + on a goal) on the floor"),
-        ("######\n#@$.@#\n######", "level 1, lines 1-3: two players (lines 2 and 2); keep one @ or +"),
-        ("####\n#@.#\n####", "level 1, lines 1-3: no box; put a $ (or * on a goal) on the floor"),
+        ("#####\n# $.#\n#####", "level 0, lines 1-3: no player; put one @ (or + on a goal) on the floor"),
+        ("######\n#@$.@#\n######", "level 0, lines 1-3: two players (lines 2 and 2); keep one @ or +"),
+        ("####\n#@.#\n####", "level 0, lines 1-3: no box; put a $ (or * on a goal) on the floor"),
         (
             "######\n#@$$.#\n######",
-            "level 1, lines 1-3: two boxes and one goal; every box needs a goal of its own: one goal missing",
+            "level 0, lines 1-3: two boxes and one goal; every box needs a goal of its own: one goal missing",
         ),
         (
             "########\n#@$...*#\n########",
             (
-                "level 1, lines 1-3: two boxes and four goals; "
+                "level 0, lines 1-3: two boxes and four goals; "
                 "every box needs a goal of its own: two boxes missing"
             ),
         ),
         (
             f"{ONE}\n\n#####\n#@$.\n#####",
             (
-                "level 2, line 6: not enclosed, the player can walk out at row 2, column 5 of the level; "
+                "level 1, line 6: not enclosed, the player can walk out at row 2, column 5 of the level; "
                 "close the wall there with #"
             ),
         ),
         (
             "#####\n#@X.#\n#####",
             (
-                "level 1, line 2, column 3: unknown character 'X'; "
+                "level 0, line 2, column 3: unknown character 'X'; "
                 "a board is drawn with #@+$*. and space, - or _"
             ),
         ),
         (
             f"{ONE}\n\n#####\n#@\t.#\n#####",
             (
-                "level 2, line 6, column 3: unknown character '\\t'; "
+                "level 1, line 6, column 3: unknown character '\\t'; "
                 "a board is drawn with #@+$*. and space, - or _"
             ),
         ),
         (
             "#" * 129,
-            "level 1, line 1: too big, 129 columns; a level has at most 128 rows and 128 columns",
+            "level 0, line 1: too big, 129 columns; a level has at most 128 rows and 128 columns",
         ),
         (
             "\n".join(["#"] * 129),
-            "level 1, lines 1-129: too big, 129 rows; a level has at most 128 rows and 128 columns",
+            "level 0, lines 1-129: too big, 129 rows; a level has at most 128 rows and 128 columns",
         ),
         (
             "9999999999#",
             (
-                "level 1, line 1: too big, 9999999999 columns or rows; "
+                "level 0, line 1: too big, 9999999999 columns or rows; "
                 "a level has at most 128 rows and 128 columns"
             ),
         ),
         (
             "#####|#@$.#|#####3",
             (
-                "level 1, line 1: the count at the end of '#|#####3' has nothing to repeat; "
+                "level 0, line 1: the count at the end of '#|#####3' has nothing to repeat; "
                 "write the character after its count, as in 3#"
             ),
         ),
@@ -203,7 +203,7 @@ def test_a_malformed_level_is_refused_with_its_fault_place_and_mend(text: str, c
             "#####".encode("utf-16"),
             "big.xsb: not UTF-8 text at byte 0; save the levels as plain UTF-8 text",
         ),
-        (b"", "big.xsb: empty: no level found; draw one with # walls, @ player, $ boxes and . goals"),
+        (b"", "big.xsb: no level found; draw one with # walls, @ player, $ boxes and . goals"),
     ],
 )
 def test_a_file_that_is_no_level_text_is_refused_by_name(data: bytes, complaint: str) -> None:
@@ -263,13 +263,13 @@ def test_a_level_that_cannot_be_read_leaves_the_others_readable() -> None:
     first, no_box, unknown, last = read_bytes(text.encode(), "x.xsb")
     assert (first, last) == parse_levels(f"{ONE}\n\n{ONE}\nTitle: good")
     assert [str(no_box), str(unknown)] == [
-        "x.xsb: level 2, lines 5-7: no box; put a $ (or * on a goal) on the floor",
+        "x.xsb: level 1, lines 5-7: no box; put a $ (or * on a goal) on the floor",
         (
-            "x.xsb: level 3, line 10, column 3: unknown character 'X'; "
+            "x.xsb: level 2, line 10, column 3: unknown character 'X'; "
             "a board is drawn with #@+$*. and space, - or _"
         ),
     ]
-    with pytest.raises(LevelError, match="level 2, lines 5-7: no box"):
+    with pytest.raises(LevelError, match="level 1, lines 5-7: no box"):
         load_bytes(text.encode(), "x.xsb")
 
 

@@ -3,7 +3,9 @@
 import json
 from pathlib import Path
 
+from services.cli.catalogue import meanings
 from sfid_core.learning.methods import METHODS
+from sfid_core.teaching.kernels import TeacherParameters
 from sfid_core.teaching.personas import PERSONAS
 from tests.services.cli.command_line import sfid
 
@@ -25,6 +27,24 @@ def test_a_method_shows_its_parameters_with_range_and_default() -> None:
     shown = sfid("methods", "sfid")
     assert shown.code == 0
     assert "graded, centred, penalty" in " ".join(shown.stdout.split())
+
+
+def test_every_parameter_of_every_method_and_teacher_says_what_it_means() -> None:
+    kinds = {method.parameters for method in METHODS.values()} | {TeacherParameters}
+    dumb = [
+        f"{kind.__name__}.{name}" for kind in kinds for name in kind._fields if not meanings(kind).get(name)
+    ]
+    assert dumb == []
+    document = json.loads(sfid("methods", "pies", "--json").stdout)
+    (beta,) = (row for row in document["parameters"] if row["name"] == "beta")
+    assert (beta["meaning"], beta["source"]) == (
+        "Step size of the advice Phi.", "the authors' 20 x 20 grid",
+    )  # fmt: skip
+    teacher = json.loads(sfid("teachers", "naive", "--json").stdout)
+    (error,) = (row for row in teacher["parameters"] if row["name"] == "reward_error")
+    assert (error["value"], error["range"]) == (0.35, "[0, 1]")
+    assert error["meaning"].startswith("Share of judgements that are mistaken")
+    assert "Step size of the advice Phi. (the authors' 20" in " ".join(sfid("methods", "pies").stdout.split())
 
 
 def test_every_teacher_is_listed_and_shows_its_faults() -> None:

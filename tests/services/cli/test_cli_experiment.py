@@ -1,11 +1,13 @@
 """`sfid experiment` and `sfid replay --method` as a person runs them."""
 
 import json
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from services.cli.experiment_shared import told_in_lines
 from tests.services.cli.command_line import alive, kill, running, sfid, wait_for
 
 HOPELESS = "#####\n#@$ #\n# . #\n#####\n"
@@ -177,6 +179,29 @@ def test_a_recorded_session_is_replayed_under_another_method(tmp_path: Path) -> 
         done = sfid("replay", data, *arguments)
         assert (done.code, done.stdout, done.stderr.count("\n")) == (2, "", 1)
         assert words in done.stderr
+
+
+def test_progress_is_a_line_now_and_then_where_no_bar_can_be_drawn() -> None:
+    seconds = iter([0.0, 4.0, 10.0, 15.0, 20.0, 31.0])
+    log = StringIO()
+    told = told_in_lines("seeds", lambda: next(seconds), 10.0, log)
+    for done in (1, 100, 150, 200, 400):
+        told(done, 400)
+    assert log.getvalue() == ("seeds: 100 of 400, about 30 s left\nseeds: 200 of 400, about 20 s left\n")
+
+
+def test_guidance_and_circuits_draw_figures_and_learners_leaves_a_recording(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    runs = (
+        (("guidance",), {"guidance.png", "guidance.svg", "guidance-steps.png", "guidance-steps.svg"}),
+        (("circuits",), {"circuits.png", "circuits.svg"}),
+        (("learners", "--methods", "sfid,reward", "--teachers", "oracle,rare"), {"learners.rrd"}),
+    )
+    for arguments, files in runs:
+        folder = tmp_path / arguments[0]
+        told = document(*arguments, "--seeds", "2", "--out", str(folder))
+        assert files <= {Path(path).name for path in told["files"]}
+        assert all((folder / name).stat().st_size > 1000 for name in files)
 
 
 def test_a_folder_that_holds_another_experiment_is_left_alone(tmp_path: Path) -> None:

@@ -82,7 +82,7 @@ def test_a_level_without_solution_is_exit_1_and_named(tmp_path: Path) -> None:
 def test_a_level_that_cannot_be_read_is_reported_and_the_rest_is_checked(tmp_path: Path) -> None:
     path = written(tmp_path, CORRIDOR, NO_BOX, UNKNOWN, STUCK)
     rows, said = document("check", path, code=2)
-    fault = f"{path}: level 2, lines 6-8: no box; put a $ (or * on a goal) on the floor"
+    fault = f"{path}: level 1, lines 6-8: no box; put a $ (or * on a goal) on the floor"
     unread = dict.fromkeys(("width", "height", "boxes", "solvable", "optimal_steps", "states"))
     assert rows[1] == {"index": 1, **unread, "error": fault}
     assert rows[2] == {"index": 2, **unread, "error": rows[2]["error"]}

@@ -146,7 +146,7 @@ def test_a_world_or_an_action_that_cannot_be_is_invalid_with_its_fault() -> None
     ]
     reasons = [reply.reason for reply in replies if isinstance(reply, Refusal) and reply.code == "invalid"]
     assert [reason.split(":")[0] for reason in reasons] == [
-        "level 1, lines 1-3", "starts", "no action JUMP", "no action JUMP",
+        "level 0, lines 1-3", "starts", "no action JUMP", "no action JUMP",
     ]  # fmt: skip
     assert environment.refused == {"invalid": 4}
     assert isinstance(execute(environment, step(begun, "UP")), Executed)
