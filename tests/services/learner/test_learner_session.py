@@ -263,7 +263,7 @@ def test_a_level_that_the_environment_refuses_stops_the_session_and_says_why(roo
     report = room.report()
     assert (report.summary.phase, report.failure) == (
         "finished",
-        "level 1, lines 1-3: no box; put a $ (or * on a goal) on the floor",
+        "level 0, lines 1-3: no box; put a $ (or * on a goal) on the floor",
     )
     assert [row.kind for row in room.rows()][-2:] == ["stopped", "digest"]
 
