@@ -17,6 +17,9 @@ class Runnable(Protocol):
     def rows(self) -> int:
         """Return the number of rows a seed of its results."""
 
+    def seeds_at_once(self, *, fast: bool) -> int:
+        """Return how many seeds are best run, kept and counted together."""
+
     def batch(self, *, fast: bool | None = None) -> Any:  # noqa: ANN401 - each kind has its own
         """Return the condition, ready to run."""
 

@@ -17,9 +17,6 @@ from services.experiments.runnable import Runnable
 from sfid_core.compiled import compiler_available
 from sfid_core.experiments.condition import Results
 
-CHUNK_SEEDS = 50
-"""Seeds that are run, kept and counted together."""
-
 Progress = Callable[[int, int], None]
 """Told how many seeds of all conditions are done, and of how many."""
 
@@ -38,7 +35,29 @@ class RunnerConfig:
 
 class _Task(NamedTuple):
     condition: int
+    first: int
+    """Place of its first seed among all."""
     seeds: tuple[int, ...]
+
+
+class _Done:
+    """The results so far, each chunk in its place, and who is told of them."""
+
+    def __init__(self, conditions: int, seeds: int, progress: Progress) -> None:
+        self.results: list[Results | None] = [None] * conditions
+        self._seeds, self._progress, self._counted = seeds, progress, 0
+
+    def put(self, task: _Task, found: Results) -> None:
+        """Take the results of a task, which may be written over afterwards."""
+        table = self.results[task.condition]
+        if table is None:
+            table = self.results[task.condition] = np.empty((self._seeds, *found.shape[1:]))
+        table[task.first : task.first + len(task.seeds)] = found
+        self._counted += len(task.seeds)
+
+    def tell(self) -> None:
+        """Tell how many seeds are done."""
+        self._progress(self._counted, self._seeds * len(self.results))
 
 
 def run_conditions(
@@ -50,39 +69,36 @@ def run_conditions(
     """
     fast = compiler_available() if config.fast is None else config.fast
     store = ChunkStore(config.store)
-    tasks = list(_tasks(len(conditions), seeds))
-    done: dict[_Task, Results] = {}
-    for task in tasks:
+    done = _Done(len(conditions), len(seeds), progress)
+    tasks = []
+    for task in _tasks(conditions, seeds, fast=fast):
         kept = store.load(conditions[task.condition], task.seeds)
-        if kept is not None:
-            done[task] = kept
-    total = len(conditions) * len(seeds)
-    progress(sum(len(task.seeds) for task in done), total)
+        if kept is None:
+            tasks.append(task)
+        else:
+            done.put(task, kept)
+    done.tell()
     with _executor(config.workers or os.cpu_count() or 1, fast=fast) as pool:
         waiting: dict[Future[Results], _Task] = {
-            pool.submit(_run_chunk, conditions[task.condition], task.seeds, fast): task
-            for task in tasks
-            if task not in done
+            pool.submit(_run_chunk, conditions[task.condition], task.seeds, fast): task for task in tasks
         }
         try:
             for future in as_completed(waiting):
-                task = waiting[future]
-                done[task] = future.result()
-                store.save(conditions[task.condition], task.seeds, done[task])
-                progress(sum(len(each.seeds) for each in done), total)
+                task, found = waiting.pop(future), future.result()
+                store.save(conditions[task.condition], task.seeds, found)
+                done.put(task, found)
+                done.tell()
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-    return [
-        np.concatenate([done[task] for task in tasks if task.condition == number])
-        for number in range(len(conditions))
-    ]
+    return [results for results in done.results if results is not None]
 
 
-def _tasks(conditions: int, seeds: Sequence[int]) -> Iterator[_Task]:
-    for number in range(conditions):
-        for first in range(0, len(seeds), CHUNK_SEEDS):
-            yield _Task(number, tuple(seeds[first : first + CHUNK_SEEDS]))
+def _tasks(conditions: Sequence[Runnable], seeds: Sequence[int], *, fast: bool) -> Iterator[_Task]:
+    for number, condition in enumerate(conditions):
+        together = condition.seeds_at_once(fast=fast)
+        for first in range(0, len(seeds), together):
+            yield _Task(number, first, tuple(seeds[first : first + together]))
 
 
 def _executor(workers: int, *, fast: bool) -> Executor:

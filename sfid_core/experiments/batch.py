@@ -28,6 +28,7 @@ from sfid_core.experiments.lane_answers import (
     reward_after,
     rewards_after,
 )
+from sfid_core.experiments.lane_arrays import Together, covers, run_together
 from sfid_core.experiments.lane_world import (
     COLUMNS,
     OUTCOMES,
@@ -93,13 +94,21 @@ def world_of(config: SessionConfig) -> World:
     return make_world(spec.level, rules, spec.starts, config.seed)
 
 
+def runs_together(
+    config: SessionConfig, teachers: Mapping[str, TeacherParameters], tables: WorldTables
+) -> bool:
+    """Tell whether sessions can be run as arrays, all seeds at once; the greedy policy is not tried there."""
+    return covers(method_named(config.method), tuple(teachers.values()), tables.n_states)
+
+
 class Batch:
     """Sessions that differ in their seed alone, run one after the other.
 
     Args: config: the session; its seed is replaced by those that are run; teachers: by the name under which
-    they would join; fast: compile the kernels (the default where numba is installed);
-    tables: those of the session's world, where they have been made before; checkpoints: episodes, ascending,
-    after which the greedy policy is tried from the starts of the seed, `TRIALS_MAX` at most.
+    they would join; fast: compile the kernels (the default where numba is installed); together: run all seeds
+    at once as arrays where nothing is compiled and `runs_together` says so; tables: those of the session's
+    world, where they have been made before; checkpoints: episodes, ascending, after which the greedy policy is
+    tried from the starts of the seed, `TRIALS_MAX` at most.
     Raises: ParameterError, LevelError, WorldError.
     """
 
@@ -109,6 +118,7 @@ class Batch:
         teachers: Mapping[str, TeacherParameters],
         *,
         fast: bool | None = None,
+        together: bool = False,
         tables: WorldTables | None = None,
         checkpoints: Sequence[int] = (),
     ) -> None:
@@ -118,7 +128,10 @@ class Batch:
         self._method = method_named(config.method)
         self._parameters = config.method_parameters
         self.tables = tabulate(world_of(config)) if tables is None else tables
-        self._world = lane_world(self.tables, config.world.steps_max, fast=self._fast)
+        covered = not checkpoints and runs_together(config, teachers, self.tables)
+        self._together = together and not self._fast and covered
+        self._arrays = self._fast or self._together
+        self._world = lane_world(self.tables, config.world.steps_max, arrays=self._arrays)
         nobody = [TeacherParameters(silence=1.0)]
         parameters = [teachers[name] for name in self._names] or nobody
         self._teachers = tuple(LaneTeacher(one, self._teacher_memory(one)) for one in parameters)
@@ -131,7 +144,7 @@ class Batch:
             self._method, self.tables.n_states, len(ACTIONS), config.world.steps_max, self._zeros
         )
         beliefs = (*ONE_HOT[len(ACTIONS)], NOWHERE[len(ACTIONS)])
-        one_hot: Any = np.array(beliefs) if self._fast else beliefs
+        one_hot: Any = np.array(beliefs) if self._arrays else beliefs
         self._scratch = Scratch(self._zeros(len(ACTIONS)), one_hot)
         self._run, self._greedy = _kernels(self._method, len(self._names), fast=self._fast)
 
@@ -149,6 +162,9 @@ class Batch:
         shape = (len(seeds), config.episodes, COLUMNS)
         checked = (len(seeds), len(self._checkpoints))
         out, success = self._zeros(math.prod(shape)), self._zeros(math.prod(checked))
+        if self._together:
+            self._run_together(seeds, out)
+            return out.reshape(shape), success.reshape(checked)
         self._run(
             self._world,
             self._plan,
@@ -162,6 +178,12 @@ class Batch:
             success,
         )
         return np.asarray(out, dtype=np.float64).reshape(shape), np.asarray(success).reshape(checked)
+
+    def _run_together(self, seeds: Sequence[int], out: npt.NDArray[np.float64]) -> None:
+        teacher = self._teachers[0].parameters if self._names else None
+        lanes, episodes = self._lanes(seeds), self._config.episodes
+        batch = Together(self._world, self._method.name, self._parameters, teacher, lanes, episodes)
+        self._memory.values[:] = run_together(batch, out)
 
     def _teacher_memory(self, parameters: TeacherParameters) -> TeacherMemory:
         praised = self.tables.n_states * len(ACTIONS) if parameters.diminishing else 0
@@ -187,10 +209,10 @@ class Batch:
         return np.concatenate([ids[:: -(-len(ids) // TRIALS_MAX)] for ids in drawn])
 
     def _zeros(self, count: int) -> Any:  # noqa: ANN401 - a list or an array
-        return np.zeros(count) if self._fast else [0.0] * count
+        return np.zeros(count) if self._arrays else [0.0] * count
 
     def _column(self, numbers: npt.NDArray[Any]) -> Any:  # noqa: ANN401 - a list or an array
-        return numbers if self._fast else numbers.tolist()
+        return numbers if self._arrays else numbers.tolist()
 
     def digest(self) -> str:
         """Return the digest of what the latest session learnt."""
@@ -308,13 +330,13 @@ def _kernels(method: Method, teachers: int, *, fast: bool) -> tuple[Callable[...
 
 
 @lru_cache(maxsize=8)
-def lane_world(tables: WorldTables, steps_max: int, *, fast: bool) -> LaneWorld:
+def lane_world(tables: WorldTables, steps_max: int, *, arrays: bool) -> LaneWorld:
     """Return the tables as kernels read them: arrays where they are compiled, lists where not."""
     words = [state_word(key) for key in tables.state_keys]
     words += [0] * (tables.n_states - len(words))
 
     def column(numbers: npt.NDArray[Any]) -> Any:  # noqa: ANN401 - a list or an array
-        return numbers if fast else numbers.tolist()
+        return numbers if arrays else numbers.tolist()
 
     return LaneWorld(
         column(tables.successor.reshape(-1)),

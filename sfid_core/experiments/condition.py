@@ -8,7 +8,7 @@ from hashlib import sha256
 import numpy as np
 import numpy.typing as npt
 
-from sfid_core.experiments.batch import Batch, world_of
+from sfid_core.experiments.batch import Batch, runs_together, world_of
 from sfid_core.experiments.lane_world import MEASURES, OUTCOMES
 from sfid_core.experiments.summary import Arm, Measure
 from sfid_core.learning.parameters import as_written
@@ -21,6 +21,9 @@ Results = npt.NDArray[np.float64]
 [seeds, checkpoints, 3], columns as `CHECKED`."""
 CHECKED = ("success", "inputs", "steps")
 """At a checkpoint: the share of starts that the greedy policy solves, the answers and steps until then."""
+
+SEEDS_AT_ONCE, SEEDS_COMPILED, SEEDS_AS_ARRAYS = 50, 250, 1000
+"""So that an interrupted run has lost seconds, all cores have work, and calls cost little beside it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +61,25 @@ class Condition:
         )
         return sha256(repr(told).encode()).hexdigest()
 
+    def seeds_at_once(self, *, fast: bool) -> int:
+        """Return how many seeds are best run, kept and counted together; results do not depend on it."""
+        if fast:
+            return SEEDS_COMPILED
+        tables = tables_of(replace(self.config.world, level_name=""))
+        together = not self.checkpoints and runs_together(self.config, self.teachers, tables)
+        return SEEDS_AS_ARRAYS if together else SEEDS_AT_ONCE
+
     def batch(self, *, fast: bool | None = None) -> Batch:
         """Return the condition, ready to run; raises ParameterError, LevelError, WorldError."""
         tables = tables_of(replace(self.config.world, level_name=""))
-        return Batch(self.config, self.teachers, fast=fast, tables=tables, checkpoints=self.checkpoints)
+        return Batch(
+            self.config,
+            self.teachers,
+            fast=fast,
+            together=True,
+            tables=tables,
+            checkpoints=self.checkpoints,
+        )
 
     def run(self, batch: Batch, seeds: Sequence[int]) -> Results:
         """Return the results of some seeds; `batch` is the condition's."""

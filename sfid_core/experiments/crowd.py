@@ -10,7 +10,7 @@ import numpy.typing as npt
 from sfid_core.crowd.settings import CrowdSettings
 from sfid_core.experiments.claims import SEEDS_MIN, Claim
 from sfid_core.experiments.comparison import compare
-from sfid_core.experiments.condition import Results
+from sfid_core.experiments.condition import SEEDS_AT_ONCE, Results
 from sfid_core.experiments.crowd_lane import MEASURED, CrowdBatch
 from sfid_core.experiments.intervals import Resampling
 from sfid_core.experiments.summary import Arm
@@ -59,6 +59,10 @@ class CrowdCondition:
         """Return the hex SHA-256 of everything but the seed that the results depend on."""
         told = ("crowd", self.config, parse_mix(self.mix), self.weighing, self.solver)
         return sha256(repr(told).encode()).hexdigest()
+
+    def seeds_at_once(self, *, fast: bool) -> int:  # noqa: ARG002 - as `Condition.seeds_at_once`
+        """Return how many seeds are best run, kept and counted together."""
+        return SEEDS_AT_ONCE
 
     def batch(self, *, fast: bool | None = None) -> CrowdBatch:  # noqa: ARG002 - as `Condition.batch`
         """Return the condition, ready to run, always as Python; raises ParameterError, LevelError."""

@@ -156,7 +156,7 @@ class CrowdBatch:
         steps_max = self._config.world.steps_max
         ids = self._table.tables.draw_starts(seed).ids
         trials = ids[:: -(-len(ids) // TRIALS_MAX)].tolist()
-        world = lane_world(self._table.tables, steps_max, fast=False)
+        world = lane_world(self._table.tables, steps_max, arrays=False)
         tried = linked(greedy_share, {"prefer": learner.method.prefer})
         key = stream(seed, "greedy", self._config.session)
         return tried(world, learner.memory, learner.parameters, trials, key, steps_max)

@@ -101,5 +101,5 @@ def greedy_success(learner: Learner, tables: WorldTables, seed: int, steps_max: 
     starts = [state for state, steps in enumerate(tables.optimal_steps.tolist()) if steps > 0]
     tried = starts[:: -(-len(starts) // TRIALS_MAX)]
     share = linked(greedy_share, {"prefer": prefer})
-    world = lane_world(tables, steps_max, fast=False)
+    world = lane_world(tables, steps_max, arrays=False)
     return share(world, memory, (), tried, stream(seed, "greedy"), steps_max)

@@ -12,21 +12,21 @@ import pytest
 
 import sfid_core
 from services.experiments.chunks import ChunkStore
-from services.experiments.runner import CHUNK_SEEDS, RunnerConfig, run_conditions
-from sfid_core.experiments.condition import Condition, results_sha256
+from services.experiments.runner import RunnerConfig, run_conditions
+from sfid_core.experiments.condition import SEEDS_AT_ONCE, Condition, results_sha256
 from sfid_core.session.config import SessionConfig, WorldSpec
 from sfid_core.sokoban.levels import packaged
 from sfid_core.teaching.personas import persona_named
 
 WORLD = WorldSpec(packaged("room")[0].to_xsb(), starts="all", steps_max=20)
-SEEDS = range(CHUNK_SEEDS + 10)
+SEEDS = range(SEEDS_AT_ONCE + 10)
 
 
 def conditions(episodes: int = 4) -> list[Condition]:
     teachers = {"ann": persona_named("noisy")}
     return [
         Condition("ann", SessionConfig("lab", WORLD, method, episodes=episodes), teachers, checkpoints)
-        for method, checkpoints in (("sfid", ()), ("q-learning", (2, 4)))
+        for method, checkpoints in (("sfid-memory", ()), ("q-learning", (2, 4)))
     ]
 
 
