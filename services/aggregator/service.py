@@ -26,7 +26,6 @@ from services.aggregator.attendance import Attendance
 from services.aggregator.config import AggregatorConfig
 from services.aggregator.handing import Handing
 from services.aggregator.live import LiveCrowd, has_passed, shown
-from services.aggregator.loop import DurableLoop
 from services.aggregator.optima import Optima
 from services.aggregator.reception import Reception
 from services.aggregator.report import Reporter
@@ -34,6 +33,7 @@ from services.aggregator.upstream import Upstream
 from services.client import AnswerState, AnswerUpdate, EpisodeOver, Learnt, Opened, Refused, Update, Welcomed
 from services.runtime.bus import Bus, Reply, Request
 from services.runtime.clock import Clock
+from services.runtime.durable_loop import DurableLoop, LoopSettings
 from services.runtime.journal import JournalError, Shard
 from services.runtime.status import StatusDesk
 from sfid_core.chance import stream, unit
@@ -77,7 +77,8 @@ class Aggregator:
         self.crowds: dict[str, LiveCrowd] = {}
         self.malformed: Counter[tuple[str, str]] = Counter()
         """Unreadable messages by (session, sender)."""
-        self.loop = DurableLoop(shard, clock, config.inbox_max, config.commit_every_ms)
+        settings = LoopSettings("aggregator", config.inbox_max, config.waiting_max, config.commit_every_ms)
+        self.loop = DurableLoop(shard, clock, settings)
         self._clock, self._chance = clock, chance
         self._optima = optima or Optima()
         self._gold = stream(config.seed, "gold", config.name)

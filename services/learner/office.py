@@ -69,7 +69,7 @@ class Office:
         if refusal is not None:
             request.reply_error(encode(refusal))
         else:
-            self._learner.reply_durably(request, Done(ok=True))
+            self._learner.loop.reply_durably(request, Done(ok=True))
 
     def _create(self, message: CreateSession) -> Refusal | None:
         """Create the session, unless it is there already; return what is wrong, if anything is."""
@@ -87,7 +87,7 @@ class Office:
             )
         live = created(message, learner.keys)
         learner.sessions[message.session] = live
-        at_ns = learner.at_ns()
+        at_ns = learner.loop.at_ns()
         learner.append(live, Kind.CREATED, encode(message), at_ns)
         log.info("session %s created: %s on %s", live.name, message.method, message.world.level_name)
         learner.happen(live, Restarted(learner.shard.epoch))
@@ -108,7 +108,7 @@ class Office:
             request.reply_error(encode(Refusal(code="unknown-session", reason=reason)))
             return
         # After the commit: whoever reads the journal next finds what the report says.
-        self._learner.reply_durably(request, self._report(live, message.first_episode))
+        self._learner.loop.reply_durably(request, self._report(live, message.first_episode))
 
     def _on_rows(self, request: Request) -> None:
         try:
@@ -121,7 +121,7 @@ class Office:
             request.reply_error(encode(Refusal(code="unknown-session", reason=reason)))
             return
         # After the commit, as a report: no reader is told what a crash could still take back.
-        self._learner.reply_durably(request, self._rows(message.session, message.after_seq))
+        self._learner.loop.reply_durably(request, self._rows(message.session, message.after_seq))
 
     def _rows(self, session: str, after_seq: int) -> JournalRows:
         rows: list[JournalRow] = []

@@ -59,7 +59,7 @@ class Reception:
     def __init__(self, learner: Learner) -> None:
         self._learner = learner
         config = learner.config
-        self.door = Doorkeeper(config.data_dir, learner.at_ns) if config.require_tokens else None
+        self.door = Doorkeeper(config.data_dir, learner.loop.at_ns) if config.require_tokens else None
 
     def on_answer(self, request: Request) -> None:
         """Journal an answer, let it take effect, acknowledge it after the commit."""
@@ -81,7 +81,7 @@ class Reception:
         if _comes_again(live, message, event):
             reason = f"decision {message.decision} comes again after a restart: send it again"
             raise Refused("busy", reason)
-        learner, at_ns = self._learner, self._learner.at_ns()
+        learner, at_ns = self._learner, self._learner.loop.at_ns()
         learner.journal_elapsed(live)
         _, effects = advance(live.session, at_ns, event)
         told = effects[0]
@@ -108,7 +108,7 @@ class Reception:
         if before != kept and message.teacher not in live.session.teachers:
             raise Refused("denied", f"join session {live.name} before you answer")
         if before != kept:
-            at_ns = self._learner.at_ns()
+            at_ns = self._learner.loop.at_ns()
             self._learner.append(live, Kind.CONFLICT, kept, at_ns, None, message.teacher)
             code, reason = (
                 AnswerCode.CONFLICT,
@@ -128,7 +128,7 @@ class Reception:
             epoch=self._learner.shard.epoch,
             journal_seq=seq,
         )
-        self._learner.reply_durably(request, reply)
+        self._learner.loop.reply_durably(request, reply)
 
     def _check_key(self, message: Join | Answer) -> bytes | None:
         secrets = self._learner.config.check_secrets
@@ -165,7 +165,7 @@ class Reception:
                 message.teacher,
                 printable(message.client) or "client unnamed",
             )
-        at_ns = learner.at_ns()
+        at_ns = learner.loop.at_ns()
         latest = live.episodes_at[-EPISODES_SHOWN:]
         welcome = Welcome(
             session=live.name,
@@ -175,7 +175,7 @@ class Reception:
             episodes=tuple(episode_message(measures, session, ended_ns) for ended_ns, _, measures in latest),
             check_key=self._check_key(message),
         )
-        learner.reply_durably(request, welcome)
+        learner.loop.reply_durably(request, welcome)
 
     def on_control(self, request: Request) -> None:
         """Change the window, pause, resume or stop; journaled and durable before the reply."""
@@ -188,7 +188,7 @@ class Reception:
                 raise Refused("denied", "only the operator stops a session: `sfid session stop`")
             effects = self._learner.happen(live, _event_of(message))
             ignored = next((effect.reason for effect in effects if isinstance(effect, Ignored)), "")
-            self._learner.reply_durably(request, Done(ok=not ignored, reason=ignored))
+            self._learner.loop.reply_durably(request, Done(ok=not ignored, reason=ignored))
         except (DecodeError, KeyNameError, Refused) as error:
             self._refuse(request, error)
 

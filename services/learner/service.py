@@ -1,18 +1,15 @@
-"""The learner's loop: one thread, one inbox; journal, advance, perform, and acknowledge after the commit."""
+"""The learner on its loop: journal, advance, perform, and acknowledge after the commit."""
 
-import heapq
-import itertools
 import logging
-import queue
 import threading
 from collections import Counter
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 from protocol.codec import DecodeError, encode
 from protocol.journal import Kind, Record, digest_body, event_body, fold, step_body
 from protocol.keys import KeyNameError, Keys
-from protocol.messages import Decision, Refusal, Wire
+from protocol.messages import Decision, Wire
 from protocol.translate import decision_message, episode_message, step_message
 from services.learner.config import LearnerConfig
 from services.learner.live import LiveSession, recovered
@@ -20,11 +17,11 @@ from services.learner.office import Office
 from services.learner.reception import Reception
 from services.learner.standing import Standing
 from services.learner.world import WorldDesk
-from services.runtime.bus import Bus, Presence, Request
+from services.runtime.bus import Bus, Presence
 from services.runtime.clock import Clock
-from services.runtime.journal.errors import JournalError, JournalFenced
+from services.runtime.durable_loop import DurableLoop, LoopSettings
+from services.runtime.journal.errors import JournalError
 from services.runtime.journal.shard import Shard
-from services.runtime.turnstile import Turnstile
 from sfid_core.learning.parameters import ParameterError
 from sfid_core.session.effects import (
     Announce,
@@ -41,24 +38,9 @@ from sfid_core.session.state import Phase
 
 log = logging.getLogger("sfid.learner")
 
-BATCH_MAX = 256
-"""Messages handled before a commit: bounds how long the first of them waits for its acknowledgement."""
-COMMIT_RETRY_MS = 500
-INBOX_FULL = encode(Refusal(code="busy", reason="the learner's inbox is full: send it again"))
-TOO_MANY = encode(Refusal(code="busy", reason="too many messages of yours wait: send it again"))
-
-
-class _Item(NamedTuple):
-    """One thing to do on the loop's thread."""
-
-    handle: Callable[[Any], None]
-    argument: Any
-    request: Request | None = None
-    """The request that this is, if it is one: it can be refused while the journal fails."""
-
 
 class Learner:
-    """All sessions of one shard. Bus callbacks only enqueue; the rest happens in `turn`, on one thread."""
+    """All sessions of one shard. Bus callbacks only enqueue; the rest happens on the thread of its loop."""
 
     def __init__(self, config: LearnerConfig, bus: Bus, shard: Shard, clock: Clock) -> None:
         self.config = config
@@ -68,19 +50,8 @@ class Learner:
         self.sessions: dict[str, LiveSession] = {}
         self.malformed: Counter[tuple[str, str]] = Counter()
         """Unreadable messages by (session, sender)."""
-        self._clock = clock
-        # A steady clock that reads as wall time: it never jumps within this process, and rows are dated.
-        self._offset_ns = clock.wall_ns() - clock.now_ns()
-        self._inbox: queue.SimpleQueue[_Item] = queue.SimpleQueue()
-        self._timers: list[tuple[int, int, Callable[[Any], None], Any]] = []
-        self._timer_numbers = itertools.count()
-        self._unsent: list[tuple[Request, bytes]] = []
-        self._uncommitted_since_ns: int | None = None
-        self._failing = False
-        self._retry_at_ns = 0
-        """When a failing journal is tried again; until then timers and all but requests wait."""
-        self._held: list[_Item] = []
-        self.turnstile = Turnstile(config.waiting_max)
+        settings = LoopSettings("learner", config.inbox_max, config.waiting_max, config.commit_every_ms)
+        self.loop = DurableLoop(shard, clock, settings)
         self._present: set[tuple[str, str]] = set()
         self.world = WorldDesk(self)
         self.reception = Reception(self)
@@ -91,7 +62,7 @@ class Learner:
 
     def open(self) -> None:
         """Rebuild every session from the journal and take up its thread; then serve."""
-        started_ns = self.at_ns()
+        started_ns = self.loop.at_ns()
         for name in self.shard.sessions():
             try:
                 folded = fold(map(Record._make, self.shard.events(name)))
@@ -107,16 +78,16 @@ class Learner:
                 log.info(
                     "session %s goes on at episode %d, decision %d, epoch %d (%.0f ms)",
                     live.name, live.session.episode, live.session.decision, self.shard.epoch,
-                    (self.at_ns() - started_ns) / 1e6,
+                    (self.loop.at_ns() - started_ns) / 1e6,
                 )  # fmt: skip
         before = frozenset(
             (live.name, name) for live in self.sessions.values() for name in live.session.teachers
         )
-        self.call_later(self.config.teachers_gone_ms, self._mark_gone, before)
+        self.loop.call_later(self.config.teachers_gone_ms, self._mark_gone, before)
 
     def _declare(self) -> None:
-        keys, enqueue = self.keys, self._receive
-        self.bus.watch(keys.present(), lambda presence: self._inbox.put(_Item(self._on_presence, presence)))
+        keys, enqueue = self.keys, self.loop.receiver
+        self.bus.watch(keys.present(), lambda presence: self.loop.enqueue(self._on_presence, presence))
         self.bus.serve(keys.answer(), enqueue(self.reception.on_answer))
         self.bus.serve(keys.join(), enqueue(self.reception.on_join))
         self.bus.serve(keys.control(), enqueue(self.reception.on_control))
@@ -125,96 +96,24 @@ class Learner:
         self.bus.serve(self.standing.key, enqueue(self.standing.reply))
         self.bus.announce(keys.service("learner", f"shard-{self.config.shard}"))
 
-    @property
-    def waiting(self) -> int:
-        """How many messages wait for the loop."""
-        return self._inbox.qsize() + len(self._held)
-
-    def _receive(self, handle: Callable[[Request], None]) -> Callable[[Request], None]:
-        def enqueue(request: Request) -> None:
-            if self._inbox.qsize() >= self.config.inbox_max:
-                request.reply_error(INBOX_FULL)
-            elif self.turnstile.enter(request.key):
-                self._inbox.put(_Item(handle, request, request))
-            else:
-                request.reply_error(TOO_MANY)
-
-        return enqueue
-
     def run(self, stop: threading.Event) -> None:
         """Turn until `stop` is set, then drain: nothing that was acknowledged waits in memory afterwards."""
-        while not stop.is_set():
-            self.turn(0.2)
-        self.turn(0.0)
+        self.loop.run(stop)
         for live in self.sessions.values():
             self.note_digest(live)
-        self._commit()
+        self.loop.commit()
         log.info("learner drained: %d sessions", len(self.sessions))
-
-    def turn(self, timeout_s: float) -> None:
-        """Handle what waits, at most BATCH_MAX messages, fire due timers, commit, acknowledge."""
-        try:
-            item = self._inbox.get(timeout=self.wait_s(timeout_s))
-            for _ in range(BATCH_MAX):
-                self._handle(item)
-                item = self._inbox.get_nowait()
-        except queue.Empty:
-            pass
-        self._fire_timers()
-        if self._commit_due():
-            self._commit()
-
-    def _handle(self, item: _Item) -> None:
-        if item.request is not None:
-            self.turnstile.leave(item.request.key)
-        if not self._failing:
-            item.handle(item.argument)
-        elif item.request is not None:
-            refusal = Refusal(code="not-durable", reason="the journal cannot be written: send it again")
-            item.request.reply_error(encode(refusal))
-        else:  # nothing takes effect while it cannot be made durable
-            self._held.append(item)
-
-    def enqueue(self, handle: Callable[[Any], None], argument: Any) -> None:  # noqa: ANN401 - the handler's own
-        """Have `handle(argument)` called on the loop's thread; safe from any thread."""
-        self._inbox.put(_Item(handle, argument))
-
-    # ------------------------------------------------------------ time
-
-    def at_ns(self) -> int:
-        """Return the time of events: steady within the process, close to wall time."""
-        return self._clock.now_ns() + self._offset_ns
-
-    def call_later(self, delay_ms: int, handle: Callable[[Any], None], argument: Any) -> None:  # noqa: ANN401
-        """Call `handle(argument)` on the loop's thread, about `delay_ms` from now."""
-        self._set_timer(self.at_ns() + delay_ms * 1_000_000, handle, argument)
-
-    def _set_timer(self, at_ns: int, handle: Callable[[Any], None], argument: Any) -> None:  # noqa: ANN401
-        heapq.heappush(self._timers, (at_ns, next(self._timer_numbers), handle, argument))
-
-    def wait_s(self, timeout_s: float) -> float:
-        """Return how long `turn` may wait for a message before a timer is due: `timeout_s` at most."""
-        if self._failing:
-            return min(timeout_s, max(0.0, (self._retry_at_ns - self.at_ns()) / 1e9))
-        if not self._timers:
-            return timeout_s
-        return min(timeout_s, max(0.0, (self._timers[0][0] - self.at_ns()) / 1e9))
-
-    def _fire_timers(self) -> None:
-        while self._timers and not self._failing and self._timers[0][0] <= self.at_ns():
-            _, _, handle, argument = heapq.heappop(self._timers)
-            handle(argument)
 
     def _on_window(self, live: LiveSession) -> None:
         deadline_ns = live.session.deadline_ns
-        if deadline_ns is not None and deadline_ns <= self.at_ns():
+        if deadline_ns is not None and deadline_ns <= self.loop.at_ns():
             self.happen(live, WindowElapsed())
 
     # ------------------------------------------------------------ events
 
     def happen(self, live: LiveSession, event: Event) -> tuple[Effect, ...]:
         """Journal an event that is no answer, advance the session, perform the effects."""
-        at_ns = self.at_ns()
+        at_ns = self.loop.at_ns()
         self._journal_event(live, at_ns, event)
         _, effects = advance(live.session, at_ns, event)
         self.perform(live, at_ns, effects)
@@ -247,9 +146,7 @@ class Learner:
         person: str | None = None,
     ) -> int:
         """Append a row to the open group and return its number; it is durable after the next commit."""
-        if self._uncommitted_since_ns is None:
-            self._uncommitted_since_ns = at_ns
-        return self.shard.append(live.name, kind.value, body, at_ns=at_ns, unique=unique, person=person)
+        return self.loop.append(live.name, kind.value, body, at_ns, unique, person)
 
     def perform(self, live: LiveSession, at_ns: int, effects: tuple[Effect, ...]) -> None:
         """Carry out effects: what the round waits for first, what only watchers see last.
@@ -270,7 +167,7 @@ class Learner:
         self._tell_watchers(live, at_ns, effects)
         if live.session.deadline_ns is not None and live.session.deadline_ns != live.timer_ns:
             live.timer_ns = live.session.deadline_ns
-            self._set_timer(live.session.deadline_ns, self._on_window, live)
+            self.loop.call_at(live.session.deadline_ns, self._on_window, live)
 
     def _tell_watchers(self, live: LiveSession, at_ns: int, effects: tuple[Effect, ...]) -> None:
         for effect in effects:
@@ -305,7 +202,8 @@ class Learner:
     def note_digest(self, live: LiveSession) -> None:
         """Journal the SHA-256 of the table as it stands."""
         self.journal_elapsed(live)
-        self.append(live, Kind.DIGEST, digest_body(live.session, live.session.learner.sha256()), self.at_ns())
+        body = digest_body(live.session, live.session.learner.sha256())
+        self.append(live, Kind.DIGEST, body, self.loop.at_ns())
 
     # ------------------------------------------------------------ presence
 
@@ -340,51 +238,8 @@ class Learner:
 
     def expect_token(self, live: LiveSession, teacher: str) -> None:
         """Let a teacher who joined go again unless their token is there soon: else nobody sees them die."""
-        self.call_later(self.config.teachers_gone_ms, self._mark_gone, frozenset({(live.name, teacher)}))
-
-    # ------------------------------------------------------------ durability
-
-    def reply_durably(self, request: Request, reply: Wire) -> None:
-        """Reply after the next commit, and only if it succeeds."""
-        self._unsent.append((request, encode(reply)))
-
-    def _commit_due(self) -> bool:
-        if self._failing:
-            return self.at_ns() >= self._retry_at_ns
-        return bool(self._unsent) or self._overdue()
-
-    def _overdue(self) -> bool:
-        since_ns = self._uncommitted_since_ns
-        return since_ns is not None and self.at_ns() - since_ns >= self.config.commit_every_ms * 1_000_000
-
-    def _commit(self) -> None:
-        """Make the group durable, then send what waited for it; a failing journal refuses and tries again."""
-        unsent, self._unsent = self._unsent, []
-        try:
-            self.standing.commit()
-        except JournalError as error:
-            self._journal_failed(error, unsent)
-            return
-        self._uncommitted_since_ns = None
-        for request, payload in unsent:
-            request.reply(payload)
-        if self._failing:
-            log.warning("the journal can be written again: teaching goes on")
-            self._failing = False
-            held, self._held = self._held, []
-            for item in held:
-                self._handle(item)
-
-    def _journal_failed(self, error: JournalError, unsent: list[tuple[Request, bytes]]) -> None:
-        if isinstance(error, JournalFenced):
-            raise error
-        if not self._failing:
-            log.error("nothing is acknowledged until the journal can be written: %s", error)
-        self._failing = True
-        refusal = encode(Refusal(code="not-durable", reason=f"not saved: {error}"[:512]))
-        for request, _ in unsent:
-            request.reply_error(refusal)
-        self._retry_at_ns = self.at_ns() + COMMIT_RETRY_MS * 1_000_000
+        expected = frozenset({(live.name, teacher)})
+        self.loop.call_later(self.config.teachers_gone_ms, self._mark_gone, expected)
 
 
 def run(

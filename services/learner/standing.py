@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from protocol.messages import LabelTotals
 from protocol.translate import label_totals
-from services.runtime.status import CommitMeter, StatusDesk
+from services.runtime.status import StatusDesk
 from sfid_core.session.state import Phase
 
 if TYPE_CHECKING:
@@ -16,23 +16,13 @@ if TYPE_CHECKING:
 
 
 class Standing:
-    """Counts commits and answers requests for the learner's status, on the loop's thread."""
+    """Answers requests for the learner's status, on the loop's thread."""
 
     def __init__(self, learner: Learner, clock: Clock) -> None:
         self._learner = learner
-        self._clock = clock
-        self._meter = CommitMeter(clock)
         name = f"shard-{learner.config.shard}"
         self.key = learner.keys.status("learner", name)
         self._desk = StatusDesk("learner", name, clock, self._facts)
-
-    def commit(self) -> None:
-        """Commit the journal, and count it when there was something to commit. Raises: as the shard's."""
-        shard = self._learner.shard
-        syncs, began_ns = shard.syncs, self._clock.now_ns()
-        shard.commit()
-        if shard.syncs != syncs:
-            self._meter.took(began_ns)
 
     def reply(self, request: Request) -> None:
         """Answer a request for the status."""
@@ -41,17 +31,17 @@ class Standing:
     def _facts(self) -> dict[str, Any]:
         learner = self._learner
         lives = learner.sessions.values()
-        refused = {"malformed": learner.malformed.total(), "too-many-waiting": learner.turnstile.refused}
+        refused = {"malformed": learner.malformed.total(), "too-many-waiting": learner.loop.turnstile.refused}
         if learner.reception.door is not None:
             refused |= {fault.value: count for fault, count in learner.reception.door.refused.items()}
         return {
-            "backlog": learner.waiting,
+            "backlog": learner.loop.waiting,
             "sessions": len(lives),
             "running": sum(live.session.phase is not Phase.FINISHED for live in lives),
             "teachers": sum(len(live.session.teachers) for live in lives),
             "labels": total([label_totals(live.session.counts) for live in lives]),
             "refused": {reason: count for reason, count in refused.items() if count},
-            **self._meter.facts(),
+            **learner.loop.commits.facts(),
         }
 
 

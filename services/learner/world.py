@@ -80,7 +80,7 @@ class WorldDesk:
         number, learner = live.asked, self._learner
 
         def receive(reply: Reply | None) -> None:
-            learner.enqueue(self._answered, _Answered(live, number, verb, reply))
+            learner.loop.enqueue(self._answered, _Answered(live, number, verb, reply))
 
         learner.bus.ask(learner.keys.environment(verb), encode(message), receive, timeout_ms)
 
@@ -156,7 +156,7 @@ class WorldDesk:
         if not live.environment_lost:
             log.warning("session %s: the environment %s: asking again until it does", live.name, what)
             live.environment_lost = True
-        self._learner.call_later(RETRY_MS, self._again, live)
+        self._learner.loop.call_later(RETRY_MS, self._again, live)
 
     def _again(self, live: LiveSession) -> None:
         if live.session.phase is Phase.EXECUTING:

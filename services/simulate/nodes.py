@@ -137,13 +137,13 @@ class LearnerNode(Node):
     def turn(self) -> None:
         """See Node."""
         if self._learner is not None:
-            self._learner.turn(0.0)
+            self._learner.loop.turn(0.0)
 
     def due_ns(self) -> int | None:
         """See Node."""
         if self._learner is None:
             return None
-        return self.timeline.now_ns() + int(self._learner.wait_s(TICK_NS / 1e9) * 1e9) + 1
+        return self.timeline.now_ns() + int(self._learner.loop.wait_s(TICK_NS / 1e9) * 1e9) + 1
 
     def end(self) -> None:
         """See Node."""

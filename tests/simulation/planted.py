@@ -50,6 +50,7 @@ class Found:
 
 
 LEARNER = RECEPTION = "services/learner"
+LOOP = "services/runtime/durable_loop.py"
 MACHINE = "sfid_core/session"
 ENVIRONMENT = "services/environment.py"
 
@@ -57,15 +58,15 @@ BUGS = (
     Bug(
         "an answer is acknowledged before its commit",
         "R1",
-        LEARNER,
+        LOOP,
         "        self._unsent.append((request, encode(reply)))\n",
         "        request.reply(encode(reply))\n",
     ),
     Bug(
         "a failed commit is taken for a good one and its rows are forgotten",
         "R1",
-        LEARNER,
-        "            self._journal_failed(error, unsent)\n            return\n",
+        LOOP,
+        "            self._failed(error, [request for request, _ in unsent])\n            return\n",
         "            self.shard.discard_pending()\n",
     ),
     Bug(
@@ -175,8 +176,8 @@ BUGS = (
     Bug(
         "an aggregator's worker is acknowledged before the commit",
         "R1",
-        "services/aggregator/loop.py",
-        "        self._unsent.append((request, encode(reply)))\n",
+        "services/aggregator/reception.py",
+        "        self._aggregator.loop.reply_durably(request, reply)\n",
         "        request.reply(encode(reply))\n",
         seeds=72,
     ),

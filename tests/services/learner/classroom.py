@@ -154,7 +154,7 @@ class Classroom:
 
     def _turned(self) -> bool:
         """Turn once, and tell whether that sent anything."""
-        self.learner.turn(0.0)
+        self.learner.loop.turn(0.0)
         return self.hub.deliver_all() > 0
 
     def pass_time(self, ms: int) -> None:

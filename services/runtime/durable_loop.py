@@ -6,6 +6,7 @@ import logging
 import queue
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from protocol.codec import encode
@@ -16,30 +17,44 @@ from services.runtime.journal import JournalError, JournalFenced, Shard
 from services.runtime.status import CommitMeter
 from services.runtime.turnstile import Turnstile
 
-log = logging.getLogger("sfid.aggregator")
-
 BATCH_MAX = 256
 """Messages handled before a commit: bounds how long the first of them waits for its acknowledgement."""
 COMMIT_RETRY_MS = 500
-WAITING_MAX = 64
-"""Messages of one sender and kind that wait at most: who floods waits behind themselves."""
+NOT_DURABLE = encode(Refusal(code="not-durable", reason="the journal cannot be written: send it again"))
+
+
+@dataclass(frozen=True, slots=True)
+class LoopSettings:
+    """Whose loop it is, and its bounds."""
+
+    service: str
+    """Name of the service, in its log and its refusals."""
+    inbox_max: int
+    """Messages that wait at most; more are refused as busy."""
+    waiting_max: int
+    """Messages of one sender and kind that wait at most: who floods waits behind themselves."""
+    commit_every_ms: int
+    """What nobody waits for is durable after so long."""
 
 
 class _Item(NamedTuple):
-    """One thing to do on the loop's thread; `request` when it can be refused while the journal fails."""
+    """One thing to do on the loop's thread."""
 
     handle: Callable[[Any], None]
     argument: Any
     request: Request | None = None
+    """The request that this is, if it is one: it can be refused while the journal fails."""
 
 
 class DurableLoop:
     """Handlers run on the thread of `turn`, one after another; `enqueue` and `receiver` serve any thread."""
 
-    def __init__(self, shard: Shard, clock: Clock, inbox_max: int, commit_every_ms: int) -> None:
+    def __init__(self, shard: Shard, clock: Clock, settings: LoopSettings) -> None:
         self.shard = shard
         self._clock = clock
-        self._inbox_max, self._commit_every_ns = inbox_max, commit_every_ms * 1_000_000
+        self._settings = settings
+        self._log = logging.getLogger(f"sfid.{settings.service}")
+        self._commit_every_ns = settings.commit_every_ms * 1_000_000
         # A steady clock that reads as wall time: it never jumps within this process, and rows are dated.
         self._offset_ns = clock.wall_ns() - clock.now_ns()
         self._inbox: queue.SimpleQueue[_Item] = queue.SimpleQueue()
@@ -50,9 +65,10 @@ class DurableLoop:
         self._uncommitted_since_ns: int | None = None
         self._failing = False
         self._retry_at_ns = 0
+        """When a failing journal is tried again; until then timers and all but requests wait."""
         self._held: list[_Item] = []
         self.commits = CommitMeter(clock)
-        self.turnstile = Turnstile(WAITING_MAX)
+        self.turnstile = Turnstile(settings.waiting_max)
 
     @property
     def waiting(self) -> int:
@@ -97,14 +113,17 @@ class DurableLoop:
         self._inbox.put(_Item(handle, argument))
 
     def receiver(self, handle: Callable[[Request], None]) -> Callable[[Request], None]:
-        """Return a bus callback that has requests handled, and refuses them when the inbox is full."""
+        """Return a bus callback that has requests handled, and refuses them when too much waits."""
+        full = _busy(f"the {self._settings.service}'s inbox is full: send it again")
+        too_many = _busy("too many messages of yours wait: send it again")
 
         def receive(request: Request) -> None:
-            if self._inbox.qsize() < self._inbox_max and self.turnstile.enter(request.key):
+            if self._inbox.qsize() >= self._settings.inbox_max:
+                request.reply_error(full)
+            elif self.turnstile.enter(request.key):
                 self._inbox.put(_Item(handle, request, request))
             else:
-                busy = Refusal(code="busy", reason="too much waits for the aggregator: send it again")
-                request.reply_error(encode(busy))
+                request.reply_error(too_many)
 
         return receive
 
@@ -119,7 +138,7 @@ class DurableLoop:
     def turn(self, timeout_s: float) -> None:
         """Handle what waits, at most BATCH_MAX messages, fire due timers, commit, send what waited for it."""
         try:
-            item = self._inbox.get(timeout=self._wait_s(timeout_s)) if timeout_s else self._inbox.get_nowait()
+            item = self._inbox.get(timeout=self.wait_s(timeout_s)) if timeout_s else self._inbox.get_nowait()
             for _ in range(BATCH_MAX):
                 self._handle(item)
                 item = self._inbox.get_nowait()
@@ -149,7 +168,7 @@ class DurableLoop:
         for action in actions:
             action()
         if self._failing:
-            log.warning("the journal can be written again: the crowd goes on")
+            self._log.warning("the journal can be written again: teaching goes on")
             self._failing = False
             held, self._held = self._held, []
             for item in held:
@@ -161,8 +180,7 @@ class DurableLoop:
         if not self._failing:
             item.handle(item.argument)
         elif item.request is not None:
-            refusal = Refusal(code="not-durable", reason="the journal cannot be written: send it again")
-            item.request.reply_error(encode(refusal))
+            item.request.reply_error(NOT_DURABLE)
         else:  # nothing takes effect while it cannot be made durable
             self._held.append(item)
 
@@ -170,7 +188,7 @@ class DurableLoop:
         if isinstance(error, JournalFenced):
             raise error
         if not self._failing:
-            log.error("nothing is acknowledged until the journal can be written: %s", error)
+            self._log.error("nothing is acknowledged until the journal can be written: %s", error)
         self._failing = True
         refusal = encode(Refusal(code="not-durable", reason=f"not saved: {error}"[:512]))
         for request in waiting:
@@ -184,8 +202,13 @@ class DurableLoop:
         overdue = since_ns is not None and self.at_ns() - since_ns >= self._commit_every_ns
         return bool(self._unsent or self._after_commit) or overdue
 
-    def _wait_s(self, timeout_s: float) -> float:
+    def wait_s(self, timeout_s: float) -> float:
+        """Return how long `turn` may wait for a message before a timer is due: `timeout_s` at most."""
         due_ns = self._retry_at_ns if self._failing else self._timers[0][0] if self._timers else None
         if due_ns is None:
             return timeout_s
         return min(timeout_s, max(0.0, (due_ns - self.at_ns()) / 1e9))
+
+
+def _busy(reason: str) -> bytes:
+    return encode(Refusal(code="busy", reason=reason))
