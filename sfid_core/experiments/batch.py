@@ -107,8 +107,8 @@ class Batch:
     Args: config: the session; its seed is replaced by those that are run; teachers: by the name under which
     they would join; fast: compile the kernels (the default where numba is installed); together: run all seeds
     at once as arrays where nothing is compiled and `runs_together` says so; tables: those of the session's
-    world, where they have been made before; checkpoints: episodes, ascending, after which the greedy policy is
-    tried from the starts of the seed, `TRIALS_MAX` at most.
+    world, where they have been made before; checkpoints: episodes, ascending, after which the greedy policy
+    is tried from the starts of the seed, `TRIALS_MAX` at most.
     Raises: ParameterError, LevelError, WorldError.
     """
 
