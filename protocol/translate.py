@@ -18,7 +18,7 @@ TEACHERS_NAMED_MAX = 64
 
 
 class UnknownAction(ValueError):  # noqa: N818 - it names what is wrong
-    """A message names an action that the session does not have; the text is one line with the mend."""
+    """A message says of actions what cannot be in this session; the text is one line with the mend."""
 
 
 def action_names(world: wire.World | wire.GymWorld) -> tuple[str, ...]:
@@ -90,6 +90,21 @@ def answer_given(message: wire.Answer, numbers: Mapping[str, int]) -> AnswerGive
     return AnswerGiven(message.teacher, message.answer_id, message.decision, message.state, answer)
 
 
+def check_posterior(message: wire.Answer) -> None:
+    """Refuse probabilities of actions that do not add up to 1; raises UnknownAction.
+
+    At the edge alone: what is in a journal was let in, and is read as it stands.
+    """
+    if message.posterior is None:
+        return
+    total = sum(message.posterior.values())
+    if abs(total - 1.0) > POSTERIOR_SLACK:
+        text = f"a posterior's probabilities add up to {total:g}: divide each by that, or leave it out"
+        raise UnknownAction(text)
+
+
+POSTERIOR_SLACK = 1e-6
+"""What rounding may leave of 1 in a sum of probabilities."""
 _LABELS = tuple(Answer(AnswerKind.LABEL, action) for action in range(ACTIONS_MAX))
 """What nearly every answer is: an action and nothing else."""
 

@@ -11,7 +11,7 @@ from protocol.identity import check_key, check_of
 from protocol.journal import answer_body, read_answer_body, without_token
 from protocol.keys import KeyNameError
 from protocol.messages import Acknowledgement, Answer, Control, Join, Refusal, Welcome
-from protocol.translate import UnknownAction
+from protocol.translate import UnknownAction, check_posterior
 from services.runtime.doorkeeper import Doorkeeper, reason_of
 from sfid_core.crowd.round import Acknowledged, Crowd, MemberJoined, advance
 from sfid_core.session.effects import AnswerCode
@@ -106,6 +106,7 @@ class Reception:
         crowd = self._member_of(live, message.teacher)
         if live.decision is None:  # after a restart: what is asked is not known yet
             raise Refused(Refusal(code="busy", reason="the crowd waits for its learner: send it again"))
+        check_posterior(message)
         event = answered_event(message, live.numbers)
         loop = self._aggregator.loop
         at_ns = loop.at_ns()

@@ -3,12 +3,18 @@
 from collections.abc import Sequence
 
 from protocol.messages import Answer
+from protocol.translate import check_posterior
 
 
 def check_fits(message: Answer, actions: Sequence[str]) -> None:
     """Raise ValueError with the mend where an answer does not fit; `actions` are the decision's."""
+    check_posterior(message)
     kind, choices = message.kind, ", ".join(actions)
-    named = (*message.guidance, *(() if message.action is None else (message.action,)))
+    named = (
+        *message.guidance,
+        *(message.posterior or ()),
+        *(() if message.action is None else (message.action,)),
+    )
     unknown = [] if kind == "reward" else [name for name in named if name not in actions]
     if unknown:
         raise ValueError(f"action {unknown[0]!r} is not one of {choices}")

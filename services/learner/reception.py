@@ -10,7 +10,7 @@ from protocol.identity import check_key, check_of
 from protocol.journal import Kind, answer_body, read_answer_body, without_token
 from protocol.keys import KeyNameError
 from protocol.messages import Acknowledgement, Answer, Control, Done, Join, Refusal, Welcome
-from protocol.translate import UnknownAction, answer_given, episode_message, window_of
+from protocol.translate import UnknownAction, answer_given, check_posterior, episode_message, window_of
 from services.runtime.doorkeeper import Doorkeeper, reason_of
 from services.runtime.log_config import about
 from sfid_core.session.admission import NOT_OPEN_YET, why_rejected
@@ -77,6 +77,7 @@ class Reception:
         came_back = live.session.phase is Phase.FINISHED and message.teacher in live.known
         if message.teacher not in live.session.teachers and not came_back:
             raise Refused("denied", f"join session {live.name} before you answer")
+        check_posterior(message)
         event = answer_given(message, live.numbers)
         if _comes_again(live, message, event):
             reason = f"decision {message.decision} comes again after a restart: send it again"

@@ -102,6 +102,23 @@ def test_an_action_that_the_session_does_not_have_is_invalid(room: Classroom, an
     assert room.rows("answer") == []
 
 
+@pytest.mark.parametrize("posterior", [{"UP": 0.7}, {"UP": 0.7, "DOWN": 0.7}, {}])
+def test_a_posterior_that_does_not_add_up_is_refused_and_not_kept(
+    room: Classroom, ann: Pupil, posterior: dict[str, float]
+) -> None:
+    refusal = room.refused(
+        KEYS.answer("s1", "ann"), ann.message(room.decision, action="UP", posterior=posterior)
+    )
+    total = sum(posterior.values())
+    assert refusal.code == "invalid"
+    assert refusal.reason == (
+        f"a posterior's probabilities add up to {total:g}: divide each by that, or leave it out"
+    )
+    assert room.rows("answer") == []
+    sound = ann.message(room.decision, action="UP", posterior={"UP": 0.7, "DOWN": 0.3})
+    assert decode(ann.send(sound).payload, Acknowledgement).code == "accepted"
+
+
 def test_a_key_that_names_another_than_the_message_is_denied(room: Classroom, ann: Pupil) -> None:
     bob = Pupil(room, "bob")
     bob.join()
