@@ -71,10 +71,18 @@ PERSONAS: dict[str, Persona] = {
 def persona_named(name: str, given: Mapping[str, Value] | None = None) -> TeacherParameters:
     """Return the named teacher, with the given parameters in place of theirs.
 
-    Raises: ParameterError for an unknown name, an unknown parameter or a value out of range.
+    Raises: ParameterError for an unknown name, an unknown parameter or a value out of range, and for a
+    shortest delay that is above the longest.
     """
     if name not in PERSONAS:
         message = f"unknown teacher {name!r}: choose one of {', '.join(PERSONAS)}"
         raise ParameterError(message)
     own = as_written(PERSONAS[name].parameters)
-    return parameters_of(TeacherParameters, {**own, **(given or {})}, f"teacher {name}")
+    found = parameters_of(TeacherParameters, {**own, **(given or {})}, f"teacher {name}")
+    if found.delay_min_ms > found.delay_max_ms:
+        message = (
+            f"delay_min_ms {found.delay_min_ms:g} is above delay_max_ms {found.delay_max_ms:g}: raise the "
+            "longest or lower the shortest"
+        )
+        raise ParameterError(message)
+    return found

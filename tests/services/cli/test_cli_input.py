@@ -16,7 +16,7 @@ LEVELS = {
     "two players": (WALLED.format("#@$.@#"), "two players"),
     "unequal": (WALLED.format("#@$$.#"), "two boxes and one goal"),
     "open": ("#####\n @$.#\n#####\n", "not enclosed"),
-    "empty": ("", "empty"),
+    "empty": ("", "no level found"),
     "binary": ("\x00\x01\x02\x7fELF", "binary, not text"),
     "large": ("#" * 2**20, "too big"),
 }
@@ -63,6 +63,30 @@ def test_a_demo_of_what_cannot_be_is_refused_before_anything_starts(
     data = tmp_path / "data"
     assert named in refused("demo", "--no-viewer", "--data", str(data), *arguments)
     assert not data.exists()
+
+
+@pytest.mark.parametrize(
+    "arguments, line",
+    [
+        (
+            "teach scripted --session s1 -f label_error=1.2",
+            "label_error 1.2 is outside [0, 1]: the default is 0",
+        ),
+        ("teach scripted --session s1 -f silence_wrong=nan", "silence_wrong nan is outside [0, 1]"),
+        ("teach scripted --session s1 -f silence=often", "silence 'often' is no number: give one in [0, 1]"),
+        ("teach scripted --session s1 -f delay_min_ms=900", "delay_min_ms 900 is above delay_max_ms 800"),
+        ("teach crowd --session s1 --mix good@1.2:3", "an accuracy is a number from 0 to 1"),
+        ("teach crowd --session s1 --mix good:0.3,random:0.9", "is not KIND:COUNT or KIND@ACCURACY:COUNT"),
+        ("experiment crowd --seeds 2 --mix good@-1:3", "is not KIND:COUNT or KIND@ACCURACY:COUNT"),
+        ("experiment session --seeds 2 -p explore=1.5", "explore 1.5 is outside [0, 1]"),
+        ("experiment session --seeds 2 --method isabl -p error=0.7", "error 0.7 is outside [1e-09, 0.5)"),
+        ("session create s1 --method sabl -p praise_silence=1", "praise_silence 1.0 is outside (0, 1)"),
+        ("session create s1 --method advise -p consistency=1", "consistency 1.0 is outside [0.5, 1)"),
+        ("crowd aggregate none.csv --abstain-below 2", "abstain_below 2.0 is outside 0 to 1"),
+    ],
+)
+def test_a_probability_that_cannot_be_one_is_refused_wherever_it_is_given(arguments: str, line: str) -> None:
+    assert line in refused(*arguments.split())
 
 
 @pytest.mark.parametrize(
