@@ -2,9 +2,14 @@
 
 import json
 import queue
+import random
+import socket
 import stat
+import subprocess
 import threading
+import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
@@ -13,6 +18,7 @@ from protocol.keys import Keys
 from services.router import RouterConfig, free_endpoint, run
 from services.runtime.access import Access, note_router, noted_folder, read_access
 from services.runtime.bus import BusError, Presence, Received, Reply, Request
+from services.runtime.endpoint import split_endpoint
 from services.runtime.secret import SecretError
 from services.runtime.zenoh_bus import ZenohBus, open_bus
 from services.topology import Role, access_control, topology
@@ -22,10 +28,13 @@ from tests.services.cli.command_line import sfid
 pytestmark = pytest.mark.real
 KEYS, CROWD = Keys("local"), Keys("local-crowd")
 DEADLINE_S = 10.0
+GARBAGE = 500
 
 
 class Network:
     """A router process with logins, and a bus for each role that a test needs."""
+
+    router: subprocess.Popen[str]
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.endpoint = folder, free_endpoint()
@@ -65,9 +74,14 @@ class Network:
 @pytest.fixture
 def network(tmp_path: Path) -> Iterator[Network]:
     found = Network(tmp_path / "access")
-    with router_process(found.endpoint, found.folder):
+    with router_process(found.endpoint, found.folder) as found.router:
         yield found
         found.close()
+
+
+def resident_mb(pid: int) -> float:
+    rows = Path(f"/proc/{pid}/status").read_text().splitlines()
+    return next(int(row.split()[1]) / 1024 for row in rows if row.startswith("VmRSS"))
 
 
 def answering(word: bytes) -> Callable[[Request], None]:
@@ -135,6 +149,45 @@ def test_presence_is_told_to_the_learner_and_not_to_other_teachers(network: Netw
     assert seen.get(timeout=DEADLINE_S) == Presence(KEYS.present("s1", "ann"), present=True)
     network.ask(Role.WORKER, CROWD.join("s1", "w1"))
     assert spied.empty()
+
+
+def test_a_curious_teacher_hears_the_decisions_and_nothing_of_the_others(network: Network) -> None:
+    heard: queue.SimpleQueue[Received] = queue.SimpleQueue()
+    curious, learner = network.rogue(Role.TEACHER), network.bus(Role.LEARNER)
+    for key in ("**", "sfid/**", KEYS.answer(), KEYS.join(), KEYS.crowd(), KEYS.decision()):
+        curious.subscribe(key, heard.put)
+    learner.serve(KEYS.answer(), answering(b"saved"))
+    learner.serve(KEYS.join(), answering(b"welcome"))
+    network.ask_until_served(Role.TEACHER, KEYS.join("s1", "ann"))
+    network.ask_until_served(Role.TEACHER, KEYS.answer("s1", "ann"))
+    network.bus(Role.AGGREGATOR).publish(KEYS.crowd("s1", "crowd"), b"who is reliable")
+    network.bus(Role.AGGREGATOR).publish(CROWD.decision("s1"), b"of the crowd")
+    replies: queue.SimpleQueue[Reply | None] = queue.SimpleQueue()
+    for key in ("@/router", f"@/{'0' * 16}/router/config"):
+        curious.ask(key, b"", replies.put, 2_000)
+        assert replies.get(timeout=DEADLINE_S) is None
+    learner.publish(KEYS.decision("s1"), b"public")
+    # One message, once for each subscription of hers that it fits.
+    assert {heard.get(timeout=DEADLINE_S) for _ in range(3)} == {Received(KEYS.decision("s1"), b"public")}
+    assert heard.empty()
+
+
+def test_garbage_on_many_connections_keeps_nobody_out(network: Network) -> None:
+    protocol, host, port = split_endpoint(network.endpoint)
+    assert protocol == "tcp"
+    pid = network.router.pid
+    before_mb = resident_mb(pid)
+    with ExitStack() as stack:
+        for number in range(GARBAGE):
+            one = stack.enter_context(socket.create_connection((host, port), 10))
+            with suppress(OSError):  # the router may have closed it by now
+                one.sendall(random.Random(number).randbytes(200))
+        begun = time.monotonic()
+        network.bus(Role.LEARNER).serve(KEYS.answer(), answering(b"saved"))
+        assert network.ask_until_served(Role.TEACHER, KEYS.answer("s1", "ann")) == Reply(b"saved")
+        took_s = time.monotonic() - begun
+    assert took_s < 3
+    assert resident_mb(pid) - before_mb < 32
 
 
 def test_logins_are_private_files_and_one_that_others_can_read_is_refused(tmp_path: Path) -> None:
