@@ -1,18 +1,23 @@
 """`sfid` as a person runs it: a child process, its two outputs and its exit code."""
 
+import atexit
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any, NamedTuple
 
 SFID = str(Path(sys.executable).with_name("sfid"))
+COMMAND_S = 60.0
 
 
 class Done(NamedTuple):
@@ -24,12 +29,51 @@ class Done(NamedTuple):
 
 
 def sfid(*arguments: str, cwd: Path | None = None) -> Done:
-    """Run a command to its end, 60 s at most."""
-    done = subprocess.run(
-        [SFID, *arguments], cwd=cwd, capture_output=True, text=True, timeout=60, check=False,
-        stdin=subprocess.DEVNULL,
-    )  # fmt: skip
-    return Done(done.returncode, done.stdout, done.stderr)
+    """Run a command to its end, 60 s at most, in a process forked from one that has imported it."""
+    request = {
+        "arguments": [SFID, *arguments],
+        "environment": dict(os.environ),
+        "cwd": str(cwd or Path.cwd()),
+    }
+    ours, theirs = socket.socketpair()
+    with (
+        ours,
+        theirs,
+        Path(os.devnull).open() as nothing,
+        TemporaryFile("w+") as out,
+        TemporaryFile("w+") as err,
+    ):
+        descriptors = [each.fileno() for each in (nothing, out, err, theirs)]
+        socket.send_fds(_server(), [json.dumps(request).encode()], descriptors)
+        theirs.close()
+        ours.settimeout(COMMAND_S)
+        with ours.makefile() as told:
+            pid = int(told.readline())
+            try:
+                code = int(told.readline())
+            except TimeoutError:
+                kill(pid)
+                raise
+        out.seek(0)
+        err.seek(0)
+        return Done(code, out.read(), err.read())
+
+
+@cache
+def _server() -> socket.socket:
+    """Start the process that forks the commands; it ends with this one."""
+    ours, theirs = socket.socketpair()
+    with theirs:
+        script = str(Path(__file__).with_name("command_server.py"))
+        command = [sys.executable, "-P", script, str(theirs.fileno())]
+        process = subprocess.Popen(command, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL)
+
+    def end() -> None:
+        ours.close()
+        process.wait()
+
+    atexit.register(end)
+    return ours
 
 
 @contextmanager
