@@ -88,8 +88,8 @@ BUGS = (
         "a repeated answer is told a code of its own",
         "R2",
         RECEPTION,
-        "        self._acknowledge(request, message.answer_id, code, reason, row.seq)\n",
-        "        self._acknowledge(request, message.answer_id, AnswerCode.SUPERSEDED, reason, row.seq)\n",
+        "        self._acknowledge(request, message, code, reason, row.seq)\n",
+        "        self._acknowledge(request, message, AnswerCode.SUPERSEDED, reason, row.seq)\n",
     ),
     Bug(
         "a closing by the clock is not journaled",
@@ -138,8 +138,8 @@ BUGS = (
         "an overtaken answer still counts as pending",
         "R6",
         MACHINE,
-        "        session.counts.pending -= 1\n",
-        "        session.counts.pending -= 0\n",
+        "        counts.pending -= 1\n",
+        "        counts.pending -= 0\n",
     ),
     Bug(
         "late answers are not counted",
