@@ -46,18 +46,22 @@ def export(
     """Write a session from its journal alone: tables, a data set, levels, solutions or a recording."""
     name = _the_session(directory, session)
     if format is Format.RRD:
-        steps, episodes, written, hint = _recording(directory, name, deployment, out)
+        steps, episodes, hint = _recording(directory, name, deployment, out)
     else:
-        steps, episodes, written, hint = _data(directory, name, format, out)
+        steps, episodes, hint = _data(directory, name, format, out)
     if json:
-        document = {"session": name, "format": format.value, "out": str(out), "steps": steps}
-        print_json(document | {"episodes": episodes, "files": [str(path) for path in written]})
+        print_json(
+            {
+                "session": name, "format": format.value, "out": str(out),
+                "steps": steps, "episodes": episodes,
+            }
+        )  # fmt: skip
     else:
         print(f"{out}: session {name}, {steps} steps, {episodes} episodes: {hint}")
 
 
-Written = tuple[int, int, tuple[Path, ...], str]
-"""(steps, episodes, files or folders, what to do with them)."""
+Written = tuple[int, int, str]
+"""(steps, episodes, what to do with what was written)."""
 
 
 def _recording(directory: Path, name: str, deployment: str, out: Path) -> Written:
@@ -68,7 +72,7 @@ def _recording(directory: Path, name: str, deployment: str, out: Path) -> Writte
         again = record_again(directory, name, deployment, out)
     except MonitorError as error:
         raise CommandError(str(error)) from None
-    return again.steps, again.episodes, (again.path,), f"`rerun {again.path}` shows it"
+    return again.steps, again.episodes, f"`rerun {again.path}` shows it"
 
 
 def _data(directory: Path, name: str, form: Format, out: Path) -> Written:
@@ -82,21 +86,20 @@ def _data(directory: Path, name: str, form: Format, out: Path) -> Written:
 
     try:
         story = read_story(directory, name)
-        written: tuple[Path, ...]
         if form in {Format.CSV, Format.PARQUET}:
             about = f"Session {name}, from its journal."
-            written = write_tables(out, about, session_tables(story), (Tables(form.value),))
+            write_tables(out, about, session_tables(story), (Tables(form.value),))
             hint = f"{out / 'codebook.md'} explains every column"
         elif form is Format.MINARI:
-            written = (write_minari(story, out),)
+            write_minari(story, out)
             hint = f"minari.load_dataset('sfid/{name}-v0') reads it where MINARI_DATASETS_PATH={out}"
         else:
             text = lurd_solutions(story) if form is Format.LURD else xsb_levels(story)
-            written = (write_text(out, text),)
+            write_text(out, text)
             hint = "`sfid levels --help` says what reads it"
     except ExportError as error:
         raise CommandError(str(error)) from None
-    return len(story.steps), len(story.episodes), written, hint
+    return len(story.steps), len(story.episodes), hint
 
 
 def _the_session(directory: Path, session: str | None) -> str:

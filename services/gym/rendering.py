@@ -10,9 +10,15 @@ from services.gym.errors import GymError
 PICTURE_PREFIX = "data:image/png;base64,"
 VIEW_MAX = 32_768
 """Characters of a view on the wire."""
+_BOARD = frozenset("#@+$*. -_\n")
 _COLOUR = re.compile(r"\x1b\[([0-9;]*)m")
 _LAST_ACTION = re.compile(r"^\s*\([A-Za-z ]+\)\s*$")
 """What toy-text environments print above or below the picture: part of the way here, not of the state."""
+
+
+def is_board(view: str) -> bool:
+    """Tell whether a view is a Sokoban board in XSB, and not what another world shows."""
+    return "#" in view and set(view) <= _BOARD
 
 
 def as_text(rendered: str) -> str:

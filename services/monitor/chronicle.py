@@ -7,6 +7,7 @@ A decision carries no time of its own and stands at that of the last step before
 from collections.abc import Callable
 
 from protocol.messages import Crowd, Decision, Episode, Step
+from services.gym.rendering import is_board
 from services.monitor import doubt_pictures, sampling
 from services.monitor.curves import Agreement, EpisodeCurves, EpisodeSequence, EventLog, Lanes
 from services.monitor.doubts import Doubts
@@ -141,13 +142,14 @@ class Chronicle:
     def _draw(self, step: Step, moment: Moment) -> None:
         ended = step.outcome != "running"
         spoken = bool(step.said)
-        if spoken:
+        board = is_board(step.view)
+        if spoken and board:
             self._doubts_changed |= self._doubts.add(step, read_view(step.view).player)
         if (self._spoken if spoken else self._picture).due(step.at_ns):
             for frame in frames_of_step(step, moment.wall_ns):
                 self._rows.scene.append(draw_world(frame, self.colours))
             self._rows.curves.append(Document(NOW, moment, step_markdown(step, self.decision)))
-        if self._policy.due(step.at_ns):
+        if board and self._policy.due(step.at_ns):
             self._rows.scene.append(draw_policy(read_view(step.view), self.mirror, moment))
         if self._doubts_changed and (self._doubt.due(step.at_ns) or (ended and self._is_over(step))):
             self._doubts_changed = False

@@ -7,6 +7,8 @@ from functools import lru_cache
 
 from protocol.messages import Decision, SaidBy, Step
 from services import tiles
+from services.gym.rendering import is_board
+from services.monitor.other_view import other_png
 from services.monitor.png import encode_palette_png
 from services.monitor.rows import Arrow, Colour, Moment, Picture
 from sfid_core.sokoban.actions import Action
@@ -143,6 +145,11 @@ def draw_world(frame: Frame, colours: TeacherColours, share_left: float | None =
 
     Args: share_left: how much of the open window is left, drawn as a bar along the upper edge.
     """
+    if frame.view and not is_board(frame.view):
+        other = other_png(frame.view)
+        if other is None:
+            raise ViewError("the view begins like a picture and holds none")
+        return Picture(ENTITY, frame.moment, other)
     board = read_view(frame.view)
     indexes = tiles.background(board.level)
     tiles.draw_boxes(indexes, board)

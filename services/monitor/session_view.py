@@ -7,6 +7,7 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from protocol.messages import Crowd, Decision, Episode, SessionReport, Step, World
+from services.gym.rendering import is_board
 from services.monitor.chronicle import Chronicle, wall
 from services.monitor.policy import draw_policy
 from services.monitor.rows import Curves, Document, Moment, Picture, Row, Rows
@@ -225,6 +226,8 @@ class SessionView:
         if self._shown is None or not self._policy_stale:
             return
         self._policy_stale = False
+        if not is_board(self._shown.view):
+            return
         board = read_view(self._shown.view)
         rows.scene.append(draw_policy(board, self.chronicle.mirror, self._shown.moment))
 

@@ -4,6 +4,8 @@ from enum import Enum
 
 from rich.text import Text
 
+from services.gym.rendering import PICTURE_PREFIX, is_board
+
 
 class Cell(Enum):
     """What stands on a cell: XSB glyph, two columns to print, style.
@@ -33,6 +35,19 @@ LEGEND = "@@ agent   [] box   () goal   {} box on goal"
 
 _BY_GLYPH = {cell.glyph: cell for cell in Cell} | {"-": Cell.FLOOR, "_": Cell.FLOOR}
 _PLAYERS = (Cell.PLAYER, Cell.PLAYER_ON_GOAL)
+
+
+def shown(view: str, width: int, height: int) -> Text:
+    """Return any view for the terminal, at most `width` cells of two columns by `height` lines.
+
+    A board is drawn cell by cell; another world's text stands as it is, and a picture is told of.
+    """
+    if is_board(view) or not view:
+        return drawn(cropped(rows_of(view), width, height))
+    if view.startswith(PICTURE_PREFIX):
+        return Text("a picture: teach this session in a browser,\nor create it with --gym-render text")
+    lines = [line[: max(1, 2 * width)] for line in view.split("\n")[: max(1, height)]]
+    return Text("\n".join(lines), no_wrap=True)
 
 
 def rows_of(view: str) -> Rows:

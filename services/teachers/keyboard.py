@@ -27,7 +27,7 @@ from services.outbox import Outbox, OutboxError
 from services.runtime.bus import Bus
 from services.runtime.clock import Clock, SystemClock
 from services.teachers import panel
-from services.teachers.grid import LEGEND, cropped, drawn, rows_of
+from services.teachers.grid import LEGEND, shown
 from services.teachers.key_gate import CONFIRM_MS, KeyGate, Verdict
 from services.teachers.progress import Note, Progress, next_window, stretched_window
 from services.teachers.spoken import ANSWERING, ASKED, HELP, spoken
@@ -194,7 +194,7 @@ class KeyboardApp(App[int]):
         progress = self.progress
         self._title.update(panel.title(progress, self._client.session, self._client.teacher))
         if progress.decision is not None:
-            self._grid.update(drawn(cropped(rows_of(progress.decision.view), *self._grid_cells())))
+            self._grid.update(shown(progress.decision.view, *self._grid_cells()))
         self._keys.update(panel.key_line(progress.decision))
         self._draw_time()
         decision = progress.open_decision

@@ -61,12 +61,12 @@ def question(decision: Decision) -> Text:
     if decision.phase != "asking":
         return Text(_PHASES[decision.phase], QUIET)
     if decision.asked == "label":
-        return Text("Which way would you go?", STRONG)
+        return Text("Which way would you go?" if is_ways(decision) else "What would you do?", STRONG)
     if decision.asked == "reward":
         move = f"{ARROWS.get(decision.action or '', '')} {decision.action}"
         return Text.assemble("The agent went ", (move, STRONG), ": + or - ?")
     if decision.asked == "guidance":
-        return Text("Which way is worth trying?", STRONG)
+        return Text("Which way is worth trying?" if is_ways(decision) else "What is worth trying?", STRONG)
     if decision.asked == "mistake":
         move = f"{ARROWS.get(decision.action or '', '')} {decision.action}"
         return Text.assemble("It went ", (move, STRONG), ". A mistake? Which way instead?")
@@ -138,6 +138,11 @@ def sparkline(numbers: list[int], cells: int = BAR_CELLS) -> str:
     return "".join(_BARS[min(len(_BARS) - 1, number * len(_BARS) // (top + 1))] for number in latest)
 
 
+def is_ways(decision: Decision) -> bool:
+    """Tell whether the actions are the four ways and nothing else."""
+    return set(decision.actions) == set(ARROWS)
+
+
 def key_line(decision: Decision | None) -> str:
     """The keys that do something now."""
     if decision is not None and decision.asked == "reward":
@@ -146,6 +151,8 @@ def key_line(decision: Decision | None) -> str:
             says += "     u  take it back"
     elif decision is not None and decision.asked == "mistake":
         says = "arrows, hjkl or wasd  the way it should have gone"
+    elif decision is not None and not is_ways(decision):
+        says = "   ".join(f"{number} {name}" for number, name in enumerate(decision.actions[:9], start=1))
     else:
         says = "arrows, hjkl or wasd  the way you would go"
     return f"{says}     space  nothing to say\nm , .  window     z  pause     ?  help     q  leave"

@@ -12,8 +12,11 @@ DIRECTIONS = {
     "right": "RIGHT", "l": "RIGHT", "d": "RIGHT",
 }  # fmt: skip
 REWARDS = {"plus": 1.0, "equals_sign": 1.0, "p": 1.0, "minus": -1.0, "b": -1.0}
+NUMBERS = {str(number): number - 1 for number in range(1, 10)}
+"""Keys of actions by their place in the decision's list, for worlds with others than the four ways."""
 ABSTAIN, UNDO = "space", "u"
 ANSWERING = {
+    **{key: f"action {key}" for key in NUMBERS},
     **{key: f"{ARROWS[action]} {action}" for key, action in DIRECTIONS.items()},
     **{key: "praise" if reward > 0 else "blame" for key, reward in REWARDS.items()},
     ABSTAIN: "nothing to say",
@@ -36,6 +39,7 @@ You watch an agent learn. It decides by itself, and learns from what you say.
  + = p                      praise the move you saw (where praise is asked)
  - b                        blame it
  u                          take it back (where that can be done)
+ 1 2 3 ...                  an action by its number, where there are others than ways
  space                      nothing to say this time
 
  m                          window: early, full, until-answered
@@ -62,10 +66,20 @@ class Spoken(NamedTuple):
     mistake: MistakeMark | None = None
 
 
+def action_of(decision: Decision, key: str) -> str | None:
+    """Return the action of the decision that a key names, by direction or number; None without one."""
+    if key in NUMBERS:
+        return decision.actions[NUMBERS[key]] if NUMBERS[key] < len(decision.actions) else None
+    action = DIRECTIONS.get(key)
+    return action if action in decision.actions else None
+
+
 def spoken(decision: Decision, key: str) -> Spoken | None:
     """Return what a key of `ANSWERING` says to a decision; None where it answers nothing that is asked."""
     text, asked = ANSWERING[key], decision.asked
-    action, reward = DIRECTIONS.get(key), REWARDS.get(key)
+    action, reward = action_of(decision, key), REWARDS.get(key)
+    if key in NUMBERS:
+        text = action or text
     if key == ABSTAIN:
         return Spoken(text, "abstain")
     if action is not None and asked == "label":

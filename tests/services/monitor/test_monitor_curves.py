@@ -4,7 +4,8 @@ import msgspec
 import numpy as np
 
 from protocol.messages import Episode, SaidBy, Step
-from services.monitor import curves, tiles
+from services import tiles
+from services.monitor import curves
 from services.monitor.policy import ValueMirror, draw_policy
 from services.monitor.rows import Lane, Moment
 from services.monitor.sampling import MS, Pace
