@@ -1,9 +1,9 @@
 """How the services of a deployment do: who is there by their tokens, and what each says when it is asked."""
 
 import queue
-import time
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 
 from protocol.codec import DecodeError, decode
 from protocol.keys import KeyNameError, Keys
@@ -44,41 +44,47 @@ class Found:
         return self.status is not None and self.status.ready
 
 
+class Board:
+    """Who is there in some deployments: watches their tokens from now on."""
+
+    def __init__(self, bus: Bus, deployments: Iterable[Keys]) -> None:
+        self.deployments = tuple(deployments)
+        self._bus = bus
+        self._seen: queue.SimpleQueue[tuple[Keys, Presence]] = queue.SimpleQueue()
+        self._present: set[tuple[Keys, str, str]] = set()
+        for keys in self.deployments:
+            bus.watch(keys.service(), partial(self._note, keys))
+
+    def _note(self, keys: Keys, presence: Presence) -> None:
+        self._seen.put((keys, presence))
+
+    def names(self, quiet_s: float = 0.0) -> list[tuple[Keys, str, str]]:
+        """Return (deployment, role, name) of all who are there, once nothing has changed for `quiet_s`."""
+        while True:
+            try:
+                keys, presence = self._seen.get(timeout=quiet_s) if quiet_s else self._seen.get_nowait()
+            except queue.Empty:
+                return sorted(self._present, key=lambda one: (one[0].deployment, *one[1:]))
+            try:
+                one = (keys, *keys.role_and_name(presence.key))
+            except KeyNameError:  # anybody may announce anything
+                continue
+            (self._present.add if presence.present else self._present.discard)(one)
+
+    def survey(self, expected: Iterable[str] = (), quiet_s: float = 0.0) -> list[Found]:
+        """Return every service that is there, asked how it does, and the expected roles that are missing."""
+        found = [ask(self._bus, *one) for one in self.names(quiet_s)]
+        there = {one.role for one in found}
+        return found + [
+            Found(self.deployments[0].deployment, role, USUAL_NAMES.get(role, "0"), None, "it is not there")
+            for role in expected
+            if role not in there
+        ]
+
+
 def survey(bus: Bus, deployments: Iterable[Keys], expected: Iterable[str] = ()) -> list[Found]:
     """Return every service of the deployments, by role and name, and the expected roles that are missing."""
-    found: list[Found] = []
-    for keys in deployments:
-        names = sorted(present(bus, keys))
-        found += [ask(bus, keys, role, name) for role, name in names]
-    there = {one.role for one in found}
-    first = next(iter(deployments), Keys())
-    return found + [
-        Found(first.deployment, role, USUAL_NAMES.get(role, "0"), None, "it is not there")
-        for role in expected
-        if role not in there
-    ]
-
-
-def present(bus: Bus, keys: Keys) -> set[tuple[str, str]]:
-    """Return (role, name) of the services whose tokens stand."""
-    seen: queue.SimpleQueue[Presence] = queue.SimpleQueue()
-    bus.watch(keys.service(), seen.put)
-    there: set[str] = set()
-    until = time.monotonic() + QUIET_S
-    while (left_s := until - time.monotonic()) > 0:
-        try:
-            presence = seen.get(timeout=left_s)
-        except queue.Empty:
-            break
-        (there.add if presence.present else there.discard)(presence.key)
-        until = time.monotonic() + QUIET_S
-    named: set[tuple[str, str]] = set()
-    for key in there:
-        try:
-            named.add(keys.role_and_name(key))
-        except KeyNameError:  # anybody may announce anything
-            continue
-    return named
+    return Board(bus, deployments).survey(expected, QUIET_S)
 
 
 def ask(bus: Bus, keys: Keys, role: str, name: str, timeout_ms: int = ASK_TIMEOUT_MS) -> Found:

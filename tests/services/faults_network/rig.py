@@ -5,7 +5,7 @@ import signal
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -162,6 +162,17 @@ class Rig:
                 voice.join(60)
 
 
+def acknowledged(voices: list[Voice]) -> int:
+    """Return how many answers of all of them are acknowledged."""
+    return sum(len(voice.acknowledged) for voice in voices)
+
+
+def more(voices: list[Voice], count: int) -> Callable[[], bool]:
+    """Return a question: whether so many more answers are acknowledged than are now."""
+    wanted = acknowledged(voices) + count
+    return lambda: acknowledged(voices) >= wanted
+
+
 @dataclass(frozen=True)
 class Account:
     """What the journal of a session says beside what its teachers were told."""
@@ -220,8 +231,8 @@ def deployed(root: Path) -> Iterator[Rig]:
     endpoint = free_endpoint()
     port = int(endpoint.rpartition(":")[2])
     with ExitStack() as stack:
-        links = [stack.enter_context(Proxy(port, seed)) for seed in (1, 2)]
-        rig = Rig(root / "data", root / "access", endpoint, *links, stack)
+        learner_link, environment_link = (stack.enter_context(Proxy(port, seed)) for seed in (1, 2))
+        rig = Rig(root / "data", root / "access", endpoint, learner_link, environment_link, stack)
         for role in ("router", "environment", "learner"):
             rig.start(role)
         yield rig

@@ -2,14 +2,13 @@
 
 import threading
 import time
-from collections.abc import Callable
 
 import pytest
 
 from protocol.messages import WindowSpec
 from tests.services.cli.command_line import wait_for
 from tests.services.faults_network.conftest import Tell
-from tests.services.faults_network.rig import Rig, Voice, account
+from tests.services.faults_network.rig import Rig, account, acknowledged, more
 from tests.services.faults_network.weather import Proxy
 
 pytestmark = [pytest.mark.real, pytest.mark.timeout(240)]
@@ -22,16 +21,6 @@ IN_FLIGHT = 4
 SHORT_S, LONG_S = 0.6, 4.0
 """Under and over the lease of 2.5 s after which a silent process counts as gone."""
 BACK_SHORT_S, BACK_LONG_S = 2.0, 10.0
-
-
-def acknowledged(voices: list[Voice]) -> int:
-    return sum(len(voice.acknowledged) for voice in voices)
-
-
-def more(voices: list[Voice], count: int) -> Callable[[], bool]:
-    """Return whether so many more answers are acknowledged than are now."""
-    wanted = acknowledged(voices) + count
-    return lambda: acknowledged(voices) >= wanted
 
 
 def pause(seconds: float) -> None:
@@ -155,6 +144,8 @@ def test_bits_turned_over_on_the_way_make_no_wrong_label(rig: Rig, tell: Tell) -
         link.weather.flip_share = 0.02
         wait_for("bits were turned over", lambda: link.flips >= FLIPS, 200.0)
         link.weather.flip_share = 0.0
+        # A spoilt declaration leaves a session deaf though its link is well: only a new link mends it.
+        link.cut()
         wait_for("teaching goes on", more(voices, 5), 60.0)
     told = account(rig.data, session, voices)
     assert told.sound, told

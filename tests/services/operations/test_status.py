@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from protocol.keys import KeyNameError, Keys
-from services.operations.status import ask, present, survey
+from services.operations.status import Board, ask, survey
 from services.router import free_endpoint
 from services.runtime.clock import ManualClock
 from services.runtime.memory_bus import MemoryBus, MemoryHub
@@ -52,8 +52,12 @@ def test_who_serves_is_known_by_tokens_and_who_is_expected_and_missing_is_named(
     hub = MemoryHub(inline=True)
     bus = MemoryBus(hub)
     bus.announce(KEYS.service("learner", "shard-0"))
+    leave = bus.announce(KEYS.service("gateway", "0"))
+    board = Board(MemoryBus(hub), [KEYS])
+    assert board.names(0.05) == [(KEYS, "gateway", "0"), (KEYS, "learner", "shard-0")]
+    leave()
+    assert board.names(0.05) == [(KEYS, "learner", "shard-0")]
     bus.announce(KEYS.service("gateway", "0"))
-    assert present(MemoryBus(hub), KEYS) == {("learner", "shard-0"), ("gateway", "0")}
     found = survey(MemoryBus(hub), [KEYS], ("environment", "learner"))
     assert [(one.role, one.name, one.ready, one.fault) for one in found] == [
         ("gateway", "0", False, "no answer within 2 s: it is not there, or its loop hangs"),
