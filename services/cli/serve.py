@@ -64,7 +64,7 @@ def router(
 ) -> None:
     """Run the router that all other processes connect to, and that lets each do what its role is for."""
     from services.router import RouterConfig, run, written_config
-    from services.runtime.access import state_folder
+    from services.runtime.machine_config import state_folder
 
     names = tuple(checked(name, "deployment") for name in deployment or ("local",))
     folder = None if open_to_all else access or state_folder() / "access"

@@ -33,12 +33,11 @@ from services.client.updates import (
     AnswerUpdate,
     Connection,
     Controlled,
-    EpisodeOver,
-    Learnt,
     Opened,
     Refused,
     Update,
     Welcomed,
+    measured,
 )
 from services.outbox import Outbox
 from services.runtime.bus import Bus, Received, Reply
@@ -283,7 +282,7 @@ class Client:
         except DecodeError:
             self._unreadable += 1
         else:
-            self._updates.append(_measured(message))
+            self._updates.append(measured(message))
 
     def _on_connection(self, connected: bool) -> None:  # noqa: FBT001 - the bus calls it with one argument
         before, self._connected = self._connected, connected
@@ -363,11 +362,8 @@ class Client:
     def _on_answer_update(self, update: AnswerUpdate) -> None:
         self._updates.append(update)
         self._denied = self._denied and update.state is AnswerState.RETRYING
-        if (
-            update.state is AnswerState.REJECTED
-            and self._answered
-            and update.answer_id == self._answered.answer_id
-        ):
+        rejected = update.state is AnswerState.REJECTED
+        if rejected and self._answered and update.answer_id == self._answered.answer_id:
             answered, self._answered = self._answered, None
             current = self._current
             reopened = current and current.decision.decision == answered.decision
@@ -401,7 +397,3 @@ class Client:
         if due_ns is None:
             due_ns = FAR_NS if finished else self._heard_ns + QUIET_MS * 1_000_000
         return min(due_ns, self._delivery.repeat(now_ns))
-
-
-def _measured(message: Step | Episode) -> Learnt | EpisodeOver:
-    return Learnt(message) if isinstance(message, Step) else EpisodeOver(message)

@@ -86,3 +86,8 @@ class Refused:
 
 
 Update = Opened | Learnt | EpisodeOver | AnswerUpdate | Controlled | Connection | Welcomed | Refused
+
+
+def measured(message: Step | Episode) -> Learnt | EpisodeOver:
+    """Return a learner's news as an update."""
+    return Learnt(message) if isinstance(message, Step) else EpisodeOver(message)

@@ -19,13 +19,12 @@ from pathlib import Path
 
 from services.runtime.bus import BusError
 from services.runtime.endpoint import is_loopback, split_endpoint
+from services.runtime.machine_config import INSECURE, network_is_trusted, state_folder
 from services.runtime.secret import SecretError, written_once
 
 FOLDER = "access"
 """Below the data directory."""
 USERS = "users"
-INSECURE = "SFID_INSECURE_NETWORK"
-"""Environment variable that says, set to 1, that everybody on the way to the router is trusted."""
 _PASSWORD_BYTES = 32
 _LOGIN_MAX = 256
 
@@ -69,7 +68,7 @@ def access_for(endpoint: str, role: str, folder: Path | None) -> Access | None:
     tls/..., unless the environment says SFID_INSECURE_NETWORK=1; SecretError.
     """
     protocol, _, _ = split_endpoint(endpoint)
-    if protocol != "tls" and not is_loopback(endpoint) and os.environ.get(INSECURE) != "1":
+    if protocol != "tls" and not is_loopback(endpoint) and not network_is_trusted():
         message = (
             f"{endpoint} is on another machine and nothing on the way is encrypted: connect to tls/HOST:PORT "
             f"(SECURITY.md), or, trusting everybody on the way, set {INSECURE}=1"
@@ -148,11 +147,6 @@ def noted_folder(endpoint: str) -> Path | None:
         return Path(note["access"]) if alive else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
-
-
-def state_folder() -> Path:
-    """Return where this person's programs keep what outlives them: XDG_STATE_HOME, or ~/.local/state."""
-    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "sfid"
 
 
 def _note(endpoint: str) -> Path:
