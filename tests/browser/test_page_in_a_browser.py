@@ -15,6 +15,7 @@ from protocol.codec import decode
 from protocol.keys import Keys
 from protocol.messages import Step, WindowSpec
 from services.client import join
+from services.gym.world import described
 from tests.browser.chromium import Chromium, Tab, chromium, program
 from tests.browser.lesson import Lesson, lesson
 
@@ -448,3 +449,35 @@ def _luminance(colour: list[int]) -> float:
         for value in (part / 255 for part in colour)
     )
     return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+def test_another_world_is_shown_as_text_and_taught_by_buttons_and_numbers(
+    class_: Lesson, open_tab: Open
+) -> None:
+    ride = described("Taxi-v4", {}, starts="1")
+    session = class_.session(world=ride, episodes=1)
+    tab = open_tab(class_.link(session))
+    decision = shown(tab)
+    asked, text = (
+        "document.getElementById('asks').textContent",
+        "document.getElementById('board').textContent",
+    )
+    assert tab.run(asked) == "What would you do?"
+    assert re.search(r"[\[({<].[\])}>]", tab.run(text))
+    tab.click("[data-input=PICKUP]")
+    decision = next_shown(tab, decision)
+    tab.key("1")
+    next_shown(tab, decision)
+    tab.wait(SAVED)
+    assert totals(class_, session) == (2, 2)
+
+
+def test_a_world_in_pictures_is_shown_as_the_picture_that_it_sent(class_: Lesson, open_tab: Open) -> None:
+    room = described("sfid/Sokoban-v0", {}, render="picture")
+    session = class_.session(world=room, episodes=1)
+    tab = open_tab(class_.link(session))
+    shown(tab)
+    href = "document.querySelector('#board image').getAttribute('href')"
+    tab.wait(f"{href}.startsWith('data:image/png')")
+    tab.run(f"(window.seen = new Image()).src = {href}")
+    assert tab.wait("window.seen.complete && window.seen.naturalWidth") == 112

@@ -25,6 +25,12 @@ export function read(view) {
   return world;
 }
 
+/** Whether a view is a Sokoban board, and not what another world shows: text, or a picture. */
+export const isBoard = (view) => view.includes("#") && /^[#@+$*. _\n-]+$/.test(view);
+
+const PICTURE = "data:image/png;base64,";
+const LETTER = [10, 20];
+
 function markOutside(world) {
   const { width, height } = world;
   const inside = new Set();
@@ -78,6 +84,7 @@ function spot(world, place) {
 
 /** Say what there is: around the agent first, then boxes and goals by their distance from it. */
 export function inWords(world) {
+  if (world.other !== undefined) return world.other.startsWith(PICTURE) ? "The state is a picture." : world.other;
   if (world.agent === null) return "There is no agent to be seen.";
   const around = Object.entries(STEPS)
     .map(([name, delta]) => `${NAMES[name]} ${whatIs(world, step(world, world.agent, delta, 1), step(world, world.agent, delta, 2))}`)
@@ -182,6 +189,7 @@ export class Board {
   }
 
   show(view) {
+    if (!isBoard(view)) return this.showOther(view);
     const world = read(view);
     const ground = JSON.stringify([world.width, world.height, [...world.walls], [...world.goals]]);
     if (ground !== this.ground) this.build(world);
@@ -196,6 +204,29 @@ export class Board {
     }
     this.point(null);
     return world;
+  }
+
+  /** Show another world: its text as it stands, or its picture. */
+  showOther(view) {
+    const lines = view.split("\n");
+    const isPicture = view.startsWith(PICTURE);
+    const [across, down] = isPicture ? [400, 400] : [Math.max(...lines.map((line) => line.length), 1) * LETTER[0], lines.length * LETTER[1]];
+    this.ground = "";
+    this.agent = null;
+    this.marks = null;
+    this.svg.replaceChildren();
+    this.svg.setAttribute("viewBox", `0 0 ${across} ${down}`);
+    this.svg.style.setProperty("--ratio", across / down);
+    if (isPicture) make("image", { href: view, width: across, height: down }, this.svg);
+    else {
+      make("rect", { width: across, height: down, fill: MORTAR }, this.svg);
+      for (const [row, line] of lines.entries()) {
+        const place = { x: 0, y: (row + 0.75) * LETTER[1], textLength: line.length * LETTER[0], "xml:space": "preserve", class: "letters" };
+        if (line) make("text", place, this.svg).textContent = line;
+      }
+    }
+    this.world = { other: view, agent: null };
+    return this.world;
   }
 
   build(world) {

@@ -15,9 +15,13 @@ const LABEL_KEYS = {
 };
 const REWARD_KEYS = { "+": 1, "=": 1, p: 1, "-": -1, b: -1 };
 
+/** Whether the actions are the four ways and nothing else. */
+export const areWays = (actions) => actions.length === WAYS.length && actions.every((action) => action in STEPS);
+
 /** The keys, for people to read. */
 export const KEYS = [
   ["arrows, h j k l, w a s d", "the way you would go"],
+  ["1 2 3 …", "an action by its number, where there are others"],
   ["+  p", "praise"],
   ["-  b", "blame"],
   ["u", "take it back, where that can be done"],
@@ -46,6 +50,7 @@ export function saidByKey(key, decision) {
   const asked = decision?.asked;
   if (key === " ") return nothing;
   if (asksForAWay(asked) && key in LABEL_KEYS) return way(LABEL_KEYS[key], decision);
+  if (asksForAWay(asked) && /^[1-9]$/.test(key) && key <= decision.actions.length) return way(decision.actions[key - 1], decision);
   if (asked === "reward" && key in REWARD_KEYS) return judgement(REWARD_KEYS[key]);
   if (asked === "reward" && key === "u" && decision.may_undo) return undo;
   return null;

@@ -4,7 +4,7 @@ import { Board, inWords, sample } from "./board.js";
 import { cry, el, say, seconds } from "./dom.js";
 import { Gate } from "./gate.js";
 import { keepsForGood, randomHex } from "./keep.js";
-import { KEYS, Pad, asksForAWay, saidByKey, way } from "./pad.js";
+import { areWays, KEYS, Pad, asksForAWay, saidByKey, way } from "./pad.js";
 
 const SWIPE_PX = 24;
 const RESEND_MS = 3000;
@@ -107,6 +107,7 @@ export class Teach {
     this.deadline = decision.remaining_ms === null ? null : performance.now() + decision.remaining_ms;
     this.awayText = "";
     const world = before?.view === decision.view && before.session === decision.session ? this.board.world : this.board.show(decision.view);
+    if (world?.other !== undefined) this.purpose.textContent = "The agent decides by itself, and learns from what you say.";
     this.pad.show(decision);
     this.mark();
     const asks = this.question();
@@ -152,10 +153,10 @@ export class Teach {
     if (decision.phase === "gathering") return "Waiting for more teachers";
     if (decision.asked === "reward") return `It ${this.bumped() ? "could not go" : "went"} ${(decision.action ?? "").toLowerCase()}. A good move?`;
     if (decision.asked === "mistake") return `It went ${(decision.action ?? "").toLowerCase()}. A mistake? Which way instead?`;
-    if (decision.asked === "guidance") return "Which way is worth trying?";
+    if (decision.asked === "guidance") return areWays(decision.actions) ? "Which way is worth trying?" : "What is worth trying?";
     if (decision.asked === "nothing") return "The agent learns by itself";
     if (decision.asked !== "label") return "Nothing that this page can answer is asked";
-    return "Which way would you go?";
+    return areWays(decision.actions) ? "Which way would you go?" : "What would you do?";
   }
 
   mark() {

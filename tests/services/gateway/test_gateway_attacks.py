@@ -99,7 +99,8 @@ def test_nothing_but_the_page_is_served_and_always_with_its_policy(house: Gatewa
     headers = dict(line.split(": ", 1) for line in head[1:])
     assert head[0] == "http/1.1 200 ok"
     policy = headers["content-security-policy"]
-    assert policy.startswith("default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; ")
+    assert policy.startswith("default-src 'none'; script-src 'self'; style-src 'self'; ")
+    assert "; img-src 'self' data:; " in policy
     assert "unsafe" not in policy
     assert f"connect-src 'self' ws://{house.host}/socket;" in policy
     assert {name: headers[name] for name in (
