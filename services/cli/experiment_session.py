@@ -1,5 +1,7 @@
 """`sfid experiment session`: one session's configuration over many seeds, with simulated teachers."""
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -16,18 +18,21 @@ from services.cli.experiment_shared import (
     print_findings,
     run_all,
     seed_range,
-    world_spec,
 )
-from services.cli.options import (
-    Episodes,
-    Json,
-    Level,
-    Method,
-    Parameter,
-    Seed,
-    Starts,
-    given_parameters,
-    print_json,
+from services.cli.failure import CommandError
+from services.cli.options import Json, Parameter, print_json
+from services.cli.session_source import (
+    DeadlockReward,
+    EpisodesFlag,
+    Flags,
+    GoalReward,
+    LevelFlag,
+    MethodFlag,
+    StartsFlag,
+    StepReward,
+    StepsMax,
+    chosen,
+    recorded,
 )
 from sfid_core.experiments.summary import ArmSummary, Measure
 
@@ -38,36 +43,75 @@ def add_to(app: typer.Typer) -> None:
 
 
 def session(  # noqa: PLR0917 - one argument a flag
-    level: Level = "room",
-    method: Method = "sfid",
-    teacher: Annotated[str, typer.Option(help="Simulated teachers by comma; or none.")] = "expert",
-    episodes: Episodes = 30,
-    starts: Starts = "4",
+    source: Annotated[
+        Path | None,
+        typer.Option(
+            "--from",
+            help="Data directory of a learner: begin from the configuration of a recorded session; other "
+            "flags go before it.",
+        ),
+    ] = None,
+    session_name: Annotated[
+        str | None, typer.Option("--session", help="Which session of --from; needed where it has several.")
+    ] = None,
+    level: LevelFlag = None,
+    method: MethodFlag = None,
+    teacher: Annotated[
+        str | None,
+        typer.Option(
+            help="Simulated teachers by comma; or none. Default: those who joined and are simulated ones by "
+            "their names, else expert."
+        ),
+    ] = None,
+    episodes: EpisodesFlag = None,
+    starts: StartsFlag = None,
     parameter: Parameter = None,
-    name: Annotated[str, typer.Option(help="Name of the session: it names the draws.")] = "demo",
+    goal_reward: GoalReward = None,
+    step_reward: StepReward = None,
+    deadlock_reward: DeadlockReward = None,
+    steps_max: StepsMax = None,
+    name: Annotated[
+        str | None, typer.Option(help="Name of the session: it names the draws. Default: demo.")
+    ] = None,
     seeds: Seeds = 100,
-    seed: Seed = 0,
+    seed: Annotated[
+        int | None, typer.Option(help="First seed, 0 to 2^53-1. Default: the recorded session's, else 0.")
+    ] = None,
     out: Out = None,
     workers: Workers = 0,
     no_compile: Plain = False,
     as_json: Json = False,
 ) -> None:
-    """A session's configuration (flags as of `session create`) over many seeds: its measures by episode."""
+    """A session's configuration (flags as of `session create`, or a recorded one's) over many seeds.
+
+    Its first seed with the recorded session's name and teachers is that session, if nothing but labels of
+    simulated teachers decided it.
+    """
     from services.cli.experiment_files import write_curve_files
     from sfid_core.experiments.condition import Condition, arm_of
     from sfid_core.experiments.intervals import Resampling
     from sfid_core.experiments.summary import summarise
-    from sfid_core.session.config import SessionConfig
     from sfid_core.teaching.personas import PERSONAS, persona_named
 
-    numbers = seed_range(seed, seeds)
-    people = () if teacher == "none" else named(teacher, "teacher", tuple(PERSONAS))
-    world = world_spec(level, starts)
-    config = SessionConfig(name, world, method, given_parameters(parameter), episodes)
-    condition = Condition(teacher, config, {one: persona_named(one) for one in people})
+    if session_name is not None and source is None:
+        message = "--session names a recorded session: give its data directory with --from"
+        raise CommandError(message)
+    past = None if source is None else recorded(source, session_name)
+    first = seed if seed is not None else (past.config.seed if past else 0)
+    numbers = seed_range(first, seeds)
+    flags = Flags(
+        level, method, episodes, starts, parameter, goal_reward, step_reward, deadlock_reward, steps_max
+    )
+    config = chosen(past.config if past else None, flags, first)
+    if name is not None:
+        config = replace(config, session=name)
+    simulated = [one for one in (past.teachers if past else ()) if one in PERSONAS]
+    wanted = teacher if teacher is not None else ",".join(simulated) or "expert"
+    people = () if wanted == "none" else named(wanted, "teacher", tuple(PERSONAS))
+    condition = Condition(wanted, config, {one: persona_named(one) for one in people})
     run = run_all([condition], numbers, workers, out, plain=no_compile)
     arms = [arm_of(condition, run.results[0])]
-    (summary,) = summarise(arms, Resampling(seed=seed))
+    (summary,) = summarise(arms, Resampling(seed=first))
     files = [] if out is None else write_curve_files(out, arms, [summary], numbers)
     if as_json:
         document: dict[str, Any] = {"seconds": run.seconds, "sha256": run.sha256} | summary.document()

@@ -1,4 +1,4 @@
-"""`sfid session create|list|show|pause|resume|stop`."""
+"""`sfid session create|list|show|rewind|pause|resume|stop`."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,15 +21,26 @@ from services.cli.options import (
     Access,
     Connect,
     Deployment,
-    Episodes,
     Json,
-    Level,
-    Method,
     Parameter,
     Seed,
-    Starts,
-    given_parameters,
     print_json,
+)
+from services.cli.session_source import (
+    DeadlockReward,
+    EpisodesFlag,
+    Flags,
+    GoalReward,
+    LevelFlag,
+    Like,
+    MethodFlag,
+    StartsFlag,
+    StepReward,
+    StepsMax,
+    chosen,
+    condition_named,
+    scripted_commands,
+    wire_world,
 )
 from services.cli.tables import labels_line, print_episodes, report_document
 from services.cli.waiting import connected_bus
@@ -63,7 +74,7 @@ def session_config(  # noqa: PLR0917 - one argument a flag
     window: WindowSpec,
     teachers_min: int,
     parameters: dict[str, Value] | None = None,
-    world: GymWorld | None = None,
+    world: World | GymWorld | None = None,
 ) -> CreateSession:
     """Return a checked configuration; raise with one line and the mend when a value makes no sense."""
     try:
@@ -132,11 +143,16 @@ def operator(
 @session_app.command()
 def create(  # noqa: PLR0917 - one argument a flag
     name: SessionName,
-    level: Level = "room",
-    method: Method = "sfid",
-    episodes: Episodes = 30,
-    starts: Starts = "4",
+    level: LevelFlag = None,
+    method: MethodFlag = None,
+    episodes: EpisodesFlag = None,
+    starts: StartsFlag = None,
     seed: Seed = 0,
+    like: Like = None,
+    goal_reward: GoalReward = None,
+    step_reward: StepReward = None,
+    deadlock_reward: DeadlockReward = None,
+    steps_max: StepsMax = None,
     window_mode: Annotated[str, typer.Option(help="early, full or until-answered.")] = "early",
     window_ms: Annotated[int, typer.Option(help="Window for an answer in ms, 1 to 3,600,000.")] = 5_000,
     quorum: Annotated[int, typer.Option(help="Answers that close the window; 0: everyone present.")] = 0,
@@ -153,12 +169,23 @@ def create(  # noqa: PLR0917 - one argument a flag
 ) -> None:
     """Create a session; it begins when enough teachers have joined."""
     window = window_spec(window_mode, window_ms, quorum)
-    given = given_parameters(parameter)
-    world = gym_world(gym, gym_option, gym_actions, gym_render, reward_scale, starts)
-    config = session_config(name, level, method, episodes, starts, seed, window, teachers_min, given, world)
+    flags = Flags(
+        level, method, episodes, starts, parameter, goal_reward, step_reward, deadlock_reward, steps_max
+    )
+    if not 0 <= seed <= SEED_MAX:
+        message = f"seed {seed} is outside 0 to 2^53-1: choose another"
+        raise CommandError(message)
+    condition = None if like is None else condition_named(like)
+    config = chosen(None if condition is None else condition.config, flags, seed)
+    played = gym_world(gym, gym_option, gym_actions, gym_render, reward_scale, config.world.starts)
+    world = played or wire_world(config.world)
+    given, lasting = dict(config.parameters), config.episodes
+    created = session_config(name, "", config.method, lasting, "", seed, window, teachers_min, given, world)
     with operator(connect, deployment, access=access) as asked:
-        asked.create(config)
+        asked.create(created)
     print(f"session {name} created: `sfid teach keyboard --session {name}` teaches it")
+    for command in [] if condition is None else scripted_commands(condition.teachers, name):
+        print(f"as in the experiment: `{command}`")
 
 
 @session_app.command("list")
@@ -212,6 +239,37 @@ def _control(verb: str, name: str, connect: str, deployment: str, access: Path |
     with operator(connect, deployment, name, access) as asked:
         asked.control(name, verb)
     print(f"session {name}: {verb} is done and journaled")
+
+
+@session_app.command()
+def rewind(
+    name: SessionName,
+    episode: Annotated[
+        int, typer.Option(help="The episode to go back to, from 0; those before it are kept.")
+    ],
+    as_: Annotated[
+        str | None, typer.Option("--as", help="Name of the branch; NAME-fromEPISODE if not given.")
+    ] = None,
+    connect: Connect = ENDPOINT,
+    access: Access = None,
+    deployment: Deployment = "local",
+) -> None:
+    """Go back to an episode and teach on from there, as a branch; the session itself stays as it is.
+
+    The branch begins paused, so that its teachers can join it first.
+    """
+    branch = as_ or f"{name}-from{episode}"
+    try:
+        checked(branch, "session")
+    except KeyNameError as error:
+        raise CommandError(str(error)) from None
+    if episode < 0:
+        raise CommandError(f"episode {episode} is negative: count from 0")
+    with operator(connect, deployment, name, access) as asked:
+        asked.branch(name, episode, branch)
+    print(
+        f"session {branch} stands before episode {episode} of {name}: `sfid session resume {branch}` goes on"
+    )
 
 
 @session_app.command()

@@ -1,6 +1,7 @@
 """`sfid experiment` and `sfid replay --method` as a person runs them."""
 
 import json
+from csv import DictReader
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -171,6 +172,13 @@ def test_a_recorded_session_is_replayed_under_another_method(tmp_path: Path) -> 
     itself = json.loads(sfid("replay", data, "--method", "sfid", "--json").stdout)
     assert itself["sessions"][0]["other"] == itself["sessions"][0]["recorded"]
     assert sfid("replay", data, "--method", "sfid").stdout.startswith("off-policy: ")
+    again = document("session", "--from", data, "--seeds", "2", "--out", str(tmp_path / "again"))
+    assert (again["method"], again["teacher"], len(again["steps"])) == ("sfid", "oracle", 3)
+    with (tmp_path / "again" / "episodes.csv").open(encoding="utf-8") as file:
+        first = [row for row in DictReader(file) if row["seed"] == "0"]
+    lived = json.loads(played.stdout)["episodes"]
+    assert [int(row["steps"]) for row in first] == [episode["steps"] for episode in lived]
+    assert [int(row["inputs"]) for row in first] == [episode["inputs"] for episode in lived]
     for arguments, words in (
         (("--method", "reward"), "asks for reward, the session's sfid asked for label"),
         (("--method", "sfid", "--verify"), "leave out --method"),
