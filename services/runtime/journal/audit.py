@@ -19,7 +19,16 @@ from protocol.framing import Frame, is_torn_tail
 from services.runtime.journal.chain import BrokenChainError, Prover, Record, decode_group, genesis
 from services.runtime.journal.errors import JournalError, JournalNewer
 from services.runtime.journal.mirror import TITLE_FRAME_BYTES, MirrorReader
-from services.runtime.journal.store import SCHEMA, SQLITE_NAME, Head, open_read_only, read_head, read_tuples
+from services.runtime.journal.store import (
+    OLDER_HEAD,
+    SCHEMA,
+    SQLITE_NAME,
+    Head,
+    is_older,
+    open_read_only,
+    read_head,
+    read_tuples,
+)
 
 LABEL_KIND = "answer"
 THREAD_BYTES = 16 * 2**20
@@ -140,7 +149,7 @@ class _Structure:
 
 def structure_problems(db: sqlite3.Connection) -> list[str]:
     """Return what is wrong with the schema and the indexes; raises sqlite3.Error."""
-    wanted = dict(SCHEMA)
+    wanted = dict(SCHEMA) | ({"head": OLDER_HEAD} if is_older(db) else {})
     seen = dict(db.execute("SELECT name, sql FROM sqlite_schema").fetchall())
     problems = [] if seen == wanted else [f"{SQLITE_NAME}: its tables are not those that were created"]
     checked = [str(line) for (line,) in db.execute("PRAGMA integrity_check(3)").fetchall()]

@@ -12,7 +12,7 @@ from services.runtime.journal.errors import JournalDamaged, JournalError, transl
 from services.runtime.journal.lock import read_epoch, write_epoch
 from services.runtime.journal.mirror import MIRROR_NAME, SHARD_ID_BYTES, Mirror, create_mirror, sync_directory
 from services.runtime.journal.salvage import rebuild
-from services.runtime.journal.store import SQLITE_NAME, Head, Store, create_store
+from services.runtime.journal.store import SQLITE_NAME, Head, Store, create_store, upgrade
 
 
 class Opened(NamedTuple):
@@ -38,9 +38,12 @@ def open_files(directory: Path, mirror_type: type[Mirror] = Mirror) -> Opened:
     Raises:
         JournalNewer, JournalDamaged, JournalFull, JournalError: as for `Shard.open`.
     """
+    upgraded = upgrade(directory)
     finished = finish_erasing(directory)
     notes, found = _recovered(directory)
     notes = (*finished, *notes)
+    if upgraded:
+        notes = (f"{directory / SQLITE_NAME}: written by an older version, brought to this one", *notes)
     store = Store(directory)
     try:
         head = store.take_over(_epoch_or_zero(directory) + 1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sqlite3
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +14,7 @@ from services.runtime.journal.chain import Record, genesis
 from services.runtime.journal.errors import (
     JournalError,
     JournalFenced,
+    JournalFull,
     JournalNewer,
     journal_error,
     translated,
@@ -20,7 +22,7 @@ from services.runtime.journal.errors import (
 
 SQLITE_NAME = "journal.sqlite"
 APPLICATION_ID = 0x53664944  # "SfID"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 # One statement fetches this many rows: a slow reader holds no snapshot that would stop a checkpoint.
 BATCH_ROWS = 4096
 
@@ -34,6 +36,12 @@ SCHEMA = {
     "rows_answer": "CREATE UNIQUE INDEX rows_answer ON rows (session, answer_id) WHERE answer_id IS NOT NULL",
     "rows_session": "CREATE INDEX rows_session ON rows (session)",
 }
+
+OLDER_HEAD = (
+    "CREATE TABLE head (one INTEGER PRIMARY KEY CHECK (one = 1), shard_id BLOB NOT NULL, "
+    "epoch INTEGER NOT NULL, seq INTEGER NOT NULL, chain BLOB NOT NULL) STRICT"
+)
+"""Of version 1, whose mirror was synced before each commit: SQLite was never ahead of it."""
 
 _COLUMNS = "seq, session, kind, at_ns, answer_id, person, salt, body, seal, chain"
 _INSERT = f"INSERT INTO rows ({_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"  # noqa: S608 - constants
@@ -50,6 +58,7 @@ _AMENDED = "SELECT seq, session, body FROM rows WHERE kind = ? AND body IS NOT N
 _HEAD = "shard_id, epoch, seq, chain, seq_before"
 _FIRST_HEAD = f"INSERT INTO head (one, {_HEAD}) VALUES (1, ?, ?, ?, ?, ?)"  # noqa: S608 - constants
 _READ_HEAD = f"SELECT {_HEAD} FROM head WHERE one = 1"  # noqa: S608 - constants
+_READ_OLDER_HEAD = "SELECT shard_id, epoch, seq, chain, seq FROM head WHERE one = 1"
 # On the right of an assignment `seq` is still the old one.
 _ADVANCE = "UPDATE head SET seq_before = seq, seq = ?, chain = ? WHERE one = 1 AND epoch = ?"
 
@@ -237,9 +246,49 @@ def check_version(db: sqlite3.Connection, path: Path) -> None:
         raise JournalNewer(message)
 
 
+def is_older(db: sqlite3.Connection) -> bool:
+    """Tell whether the head is that of an older version; raises sqlite3.Error."""
+    (version,) = db.execute("PRAGMA user_version").fetchone()
+    if version >= SCHEMA_VERSION:
+        return False
+    return db.execute("SELECT sql FROM sqlite_schema WHERE name = 'head'").fetchone() == (OLDER_HEAD,)
+
+
+def upgrade(directory: Path) -> bool:
+    """Bring an older SQLite file to this version, in one commit; tell whether it was one.
+
+    A file that cannot be read is left to the audit, which is next to look at it. Raises: JournalFull.
+    """
+    path = directory / SQLITE_NAME
+    if not path.exists():
+        return False
+    try:
+        with closing(sqlite3.connect(_uri(path, "mode=rw"), uri=True, isolation_level=None)) as db:
+            _configure(db)
+            check_version(db, path)
+            (version,) = db.execute("PRAGMA user_version").fetchone()
+            if version == SCHEMA_VERSION:
+                return False
+            db.execute("BEGIN IMMEDIATE")
+            if is_older(db):
+                head = read_head(db, path)
+                db.execute("DROP TABLE head")
+                db.execute(SCHEMA["head"])
+                db.execute(_FIRST_HEAD, head)
+            db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+            db.execute("COMMIT")
+    except (sqlite3.Error, JournalError) as error:
+        failure = journal_error(path, error) if isinstance(error, sqlite3.Error) else error
+        if isinstance(failure, (JournalFull, JournalNewer)):
+            raise failure from error
+        return False
+    return True
+
+
 def read_head(db: sqlite3.Connection, path: Path) -> Head:
     """Return the committed head; JournalError when its row is not what was written."""
-    found = db.execute(_READ_HEAD).fetchone()
+    older = is_older(db)
+    found = db.execute(_READ_OLDER_HEAD if older else _READ_HEAD).fetchone()
     if found is None:
         message = f"{path}: its head is missing; opening the shard rebuilds it from the mirror"
         raise JournalError(message)

@@ -315,7 +315,7 @@ def test_files_of_two_shards_are_not_joined(closed_journal: Path, tmp_path: Path
 def test_a_newer_schema_is_refused_by_every_door_and_left_alone(closed_journal: Path) -> None:
     path = closed_journal / "shard-0" / "journal.sqlite"
     with closing(sqlite3.connect(path, isolation_level=None)) as db:
-        db.execute("PRAGMA user_version = 2")
+        db.execute("PRAGMA user_version = 3")
     before = path.read_bytes()
     with pytest.raises(JournalNewer, match="upgrade"):
         Shard.open(closed_journal)
