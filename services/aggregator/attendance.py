@@ -33,7 +33,8 @@ class Attendance:
         live = aggregator.crowds.get(session)
         if presence.present:
             self._present.add((session, worker))
-            if live is not None and _comes_back(live, worker):
+            # Anybody may announce anything: where tokens are required, whoever comes back joins with theirs.
+            if live is not None and not aggregator.config.require_tokens and _comes_back(live, worker):
                 aggregator.happen(live, MemberJoined(worker))
             return
         self._present.discard((session, worker))

@@ -172,11 +172,19 @@ class Room:
             (keys.measures(session), self._on_measures),
         ):
             bus.subscribe(key, partial(self._receive, handle))
+        self._away = False
+        bus.on_connection(partial(post, self._on_connection))
 
     # ------------------------------------------------------------ the bus; its threads only enqueue
 
     def _receive(self, handle: Callable[[bytes], None], received: Received) -> None:
         self._post(handle, received.payload)
+
+    def _on_connection(self, connected: bool) -> None:  # noqa: FBT001 - the bus calls it with one argument
+        if connected and self._away:  # the learner saw all of them leave
+            for seat in self.seats.values():
+                seat.join_afresh(SPREAD_MS)
+        self._away = not connected
 
     def ask(self, key: str, payload: bytes, handle: HandleReply) -> None:
         """Ask the learner; `handle` is called on the loop."""

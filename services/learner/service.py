@@ -225,8 +225,9 @@ class Learner:
             log.info("session %s: teacher %s is gone", session, teacher)
 
     def _comes_back(self, live: LiveSession, teacher: str) -> bool:
-        finished = live.session.phase is Phase.FINISHED
-        return not finished and teacher in live.known and teacher not in live.session.teachers
+        # Anybody may announce anything: where tokens are required, whoever comes back joins with theirs.
+        away = live.session.phase is Phase.FINISHED or self.config.require_tokens
+        return not away and teacher in live.known and teacher not in live.session.teachers
 
     def _mark_gone(self, expected: frozenset[tuple[str, str]]) -> None:
         """Let those go whose tokens are not there."""

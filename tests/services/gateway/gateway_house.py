@@ -76,6 +76,7 @@ class Gateway:
     hub: MemoryHub
     learner: FakeLearner
     stack: ExitStack
+    bus: MemoryBus
     expires_s: int = field(default_factory=lambda: int(time.time()) + HOUR_S)
 
     @property
@@ -129,13 +130,14 @@ def gateway(data: Path, *, flow: Flow | None = None, **limits: Any) -> Iterator[
     """Yield a gateway in a thread of its own."""
     hub, ready, stop = MemoryHub(inline=True), threading.Event(), threading.Event()
     learner = FakeLearner(MemoryBus(hub))
+    bus = MemoryBus(hub)
     config = GatewayConfig(data, listen="127.0.0.1:0", limits=Limits(**limits))
-    thread = threading.Thread(target=run, args=(config, MemoryBus(hub), lambda _: ready.set(), stop, flow))
+    thread = threading.Thread(target=run, args=(config, bus, lambda _: ready.set(), stop, flow))
     thread.start()
     try:
         assert ready.wait(WAIT_S)
         with ExitStack() as stack:
-            yield Gateway(config, str(read_status(data)["url"]), hub, learner, stack)
+            yield Gateway(config, str(read_status(data)["url"]), hub, learner, stack, bus)
     finally:
         stop.set()
         thread.join(WAIT_S)
