@@ -102,6 +102,8 @@ def lesson(number: int, decisions: int = 0) -> Lesson:
     kind = chance.choice(
         ("exact", "exact", "exact", "present", "early", "full", "reward", "q-learning", "crowd")
     )
+    if decisions and kind == "q-learning":  # a long lesson has three teachers, who are asked
+        kind = "exact"
     teachers = TEACHERS[: max(3 if decisions else 0, chance.randint(1, 3))] if kind != "q-learning" else ()
     mode = "until-answered" if kind in {"exact", "present", "reward", "crowd"} else "early"
     window = WindowSpec(

@@ -138,4 +138,6 @@ def test_an_operator_who_is_refused_waits_and_a_disk_that_fails_is_outlived() ->
 def test_a_long_lesson_meets_at_least_twenty_trials_and_one_teacher_leaves_at_most() -> None:
     drawn = [scenario(seed, 200) for seed in range(100)]
     assert {len(one.trials) for one in drawn} == {20}
+    assert {one.lesson.teachers for one in drawn} == {("ann", "bob", "cyd")}
+    assert {one.lesson.config.method for one in drawn} == {"sfid", "reward"}
     assert {sum(trial.what is What.LEAVE for trial in one.trials) for one in drawn} == {0, 1}
