@@ -23,7 +23,7 @@ from services.runtime.secret import SecretError
 from services.runtime.zenoh_bus import ZenohBus, open_bus
 from services.topology import Role, access_control, topology
 from tests.contract.router_process import router_process
-from tests.services.cli.command_line import sfid
+from tests.services.cli.command_line import running, sfid, wait_for
 
 pytestmark = pytest.mark.real
 KEYS, CROWD = Keys("local"), Keys("local-crowd")
@@ -257,3 +257,12 @@ def test_a_router_leaves_word_where_its_logins_are_and_takes_it_back(
     (note,) = (tmp_path / "state" / "sfid" / "routers").iterdir()
     note.write_text(note.read_text().replace('"pid": ', '"pid": 99999999'))
     assert noted_folder(config.listen) is None
+
+
+def test_a_service_that_starts_before_its_router_waits_for_its_login(tmp_path: Path) -> None:
+    endpoint, folder, log = free_endpoint(), tmp_path / "access", tmp_path / "environment.log"
+    command = ("environment", "--connect", endpoint, "--access", str(folder))
+    with running(*command, stderr=log) as early:
+        with router_process(endpoint, folder):
+            wait_for("ready", lambda: "ready" in log.read_text())
+        assert early.poll() is None
