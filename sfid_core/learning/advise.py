@@ -11,9 +11,14 @@ from sfid_core.learning.method import Method
 from sfid_core.learning.parameters import ALPHA, GAMMA, Choice, Range
 from sfid_core.teaching.answers import AnswerKind
 
-LOG_ODDS = 0
-"""Scalar: ln(C / (1 - C))."""
+LOG_ODDS, AGREED, COMPARED = range(3)
+"""Scalars: ln(C / (1 - C)); answers that agreed with what had been said, and those that were compared."""
 ONE = 0
+ONLINE = 1
+LEAD = 2.0
+"""Answers by which one side must lead before it is what a new one is compared with (ours)."""
+CONSISTENCY_MAX = 0.99
+"""Largest estimate: no count of agreements makes a teacher infallible."""
 
 
 class AdviseParameters(NamedTuple):
@@ -29,6 +34,11 @@ class AdviseParameters(NamedTuple):
     """C: the probability that an answer is right."""
     optima: Annotated[int, Choice(("one", "several"))] = 0
     """Whether one action of a state is optimal, or any number of them."""
+    estimate: Annotated[int, Choice(("known", "online"))] = 0
+    """Where C comes from: `consistency`, or that at first and then the share of answers that agree with a
+    consensus: a Beta estimate within 0.5 to 0.99 (ours; the source has C known)."""
+    prior_answers: Annotated[float, Range(0, 1e6, above=True, unit="answers")] = 10.0
+    """How many compared answers `consistency` is worth, with the estimate `online` (ours)."""
     temperature: Annotated[float, Range(1e-6, 1000, unit="reward")] = 1.0
     """Temperature of the Boltzmann policy of Q. The source has Bayesian Q-learning in its place."""
 
@@ -36,7 +46,46 @@ class AdviseParameters(NamedTuple):
 @kernel
 def begin(m: Memory, p: AdviseParameters, episode: int) -> None:  # noqa: ARG001 - the interface
     """Keep the weight of one answer."""
-    m.scalars[LOG_ODDS] = log(p.consistency / (1.0 - p.consistency))
+    weigh(m, p)
+
+
+@kernel
+def weigh(m: Memory, p: AdviseParameters) -> None:
+    """Keep ln(C / (1 - C)), C being known or (prior * consistency + agreed) / (prior + compared)."""
+    consistency = p.consistency
+    if p.estimate == ONLINE:
+        agreed = p.prior_answers * p.consistency + m.scalars[AGREED]
+        consistency = min(max(agreed / (p.prior_answers + m.scalars[COMPARED]), 0.5), CONSISTENCY_MAX)
+    m.scalars[LOG_ODDS] = log(consistency / (1.0 - consistency))
+
+
+@kernel
+def compare(m: Memory, p: AdviseParameters, t: Transition, e: Evidence) -> None:
+    """Compare an answer with what was said of its state before, where one side leads by `LEAD` answers.
+
+    A reward agrees where D of its action has its sign, a label where its action is ahead of all others.
+    """
+    at = t.state * m.width + m.actions
+    if e.label >= 0:
+        ahead = 0
+        second = -1e300
+        for action in range(1, m.actions):
+            if m.values[at + action] > m.values[at + ahead]:
+                ahead = action
+        for action in range(m.actions):
+            if action != ahead:
+                second = max(second, m.values[at + action])
+        if m.values[at + ahead] - second < LEAD:
+            return
+        agrees = e.label == ahead
+    else:
+        said = m.values[at + t.action]
+        if e.reward == 0.0 or abs(said) < LEAD:
+            return
+        agrees = (said > 0.0) == (e.reward > 0.0)
+    m.scalars[COMPARED] += 1.0
+    m.scalars[AGREED] += 1.0 if agrees else 0.0
+    weigh(m, p)
 
 
 @kernel
@@ -80,6 +129,8 @@ def learn(m: Memory, p: AdviseParameters, t: Transition, e: Evidence) -> Learned
     A reward counts +1 or -1 for the action that was seen; a label counts as much as it is believed for each
     action, whichever was taken.
     """
+    if p.estimate == ONLINE:
+        compare(m, p, t, e)
     h = e.reward
     at = t.state * m.width + m.actions
     if e.label >= 0:
@@ -105,7 +156,7 @@ ADVISE = Method(
     begin=begin,
     asks_after=AnswerKind.REWARD,
     blocks=2,
-    scalars=1,
+    scalars=3,
 )
 ADVISE_LABELS = replace(
     ADVISE,

@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from random import Random
 
 import pytest
 
@@ -73,3 +74,43 @@ def test_far_evidence_neither_overflows_nor_vanishes() -> None:
     assert pupil.values(S0)[LEFT] == pytest.approx(-400 * math.log(99))
     assert {pupil.choose(S0, decision) for decision in range(200)} >= {UP}
     assert LEFT not in {pupil.choose(S0, decision) for decision in range(200)}
+
+
+def test_consistency_is_counted_where_earlier_answers_lead_by_two() -> None:
+    """Prior 4 answers at 0.75; UP praised twice: nothing to compare with. Praise and blame then: 1 of 2.
+
+    C = (3 + 1) / (4 + 1) = 0.8, then (3 + 1) / (4 + 2) = 2/3; D(UP) = 2 + 1 - 1 = 2.
+    """
+    pupil = Pupil("advise", consistency=0.75, estimate="online", prior_answers=4.0)
+    odds = []
+    for value in (1.0, 1.0, 1.0, -1.0):
+        pupil.do(S0, UP, 0.0, rewards(value), S1)
+        odds.append(math.exp(pupil.memory.scalars[0]))
+    assert odds == pytest.approx([3, 3, 4, 2])
+    assert shares(pupil) == pytest.approx([1 / 7, 1 / 7, 4 / 7, 1 / 7])
+    pupil.begin(1)
+    assert math.exp(pupil.memory.scalars[0]) == pytest.approx(2)
+
+
+def test_labels_are_compared_with_the_action_that_leads_all_others() -> None:
+    """UP, UP, then UP agrees and LEFT does not; a state where LEFT and UP are level tells nothing."""
+    pupil = Pupil("advise-labels", consistency=0.75, estimate="online", prior_answers=4.0)
+    for label in (UP, UP, UP, LEFT):
+        pupil.do(S0, LEFT, 0.0, labels(label), S1)
+    assert math.exp(pupil.memory.scalars[0]) == pytest.approx(2)
+    for label in (UP, LEFT, UP, LEFT):
+        pupil.do(S1, LEFT, 0.0, labels(label), S0)
+    assert math.exp(pupil.memory.scalars[0]) == pytest.approx(2)
+
+
+@pytest.mark.parametrize("truth", [0.65, 0.9])
+def test_the_estimate_comes_to_the_teacher_s_consistency(truth: float) -> None:
+    """60 states, 20 judgements each, of the right action and of a wrong one."""
+    random = Random(4)
+    pupil = Pupil("advise", consistency=0.8, estimate="online")
+    for turn in range(20 * 60):
+        right = random.random() < 0.5
+        said = 1.0 if right == (random.random() < truth) else -1.0
+        pupil.do(b"%d" % (turn % 60), UP if right else LEFT, 0.0, rewards(said), S1)
+    odds = math.exp(pupil.memory.scalars[0])
+    assert odds / (1 + odds) == pytest.approx(truth, abs=0.04)
