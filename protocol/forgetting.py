@@ -8,6 +8,7 @@ never happened), others' answers stay, and the table is what they alone would ha
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
+from protocol.branching import origin_body, read_origin
 from protocol.codec import decode, encode
 from protocol.journal import (
     Kind,
@@ -178,11 +179,19 @@ class _Forgetting:
             before = digest_body(self.was, self.was.learner.sha256())
             now = digest_body(self.now, self.now.learner.sha256())
             return record.body if before == now else now
+        if record.kind == Kind.BRANCHED.value:
+            return self._origin(record.body)
         if _who(record) != self._person:
             return record.body
         if record.kind == Kind.CONFLICT.value:
             return None
         return self._without_name(record)
+
+    def _origin(self, body: bytes) -> bytes:
+        """Return where a branch is from, without a name that speaks of the person."""
+        origin = read_origin(body)
+        speaks = f"-{self._person}-" in f"-{origin.session}-"
+        return origin_body(origin._replace(session=self._nameless)) if speaks else body
 
     def _without_name(self, record: Record) -> bytes:
         ((_, event),) = events_of(record, self._numbers)

@@ -65,6 +65,8 @@ class Kind(Enum):
     RESTARTED = "restarted"
     DIGEST = "digest"
     """No event: the SHA-256 of the table at this point, for `replay --verify`."""
+    BRANCHED = "branched"
+    """No event: the rows before it are a copy of another session's; see `protocol.branching`."""
     CONFLICT = "conflict"
     """No event: an answer that came under the id of another; kept for audit, never applied."""
 
@@ -265,7 +267,7 @@ def events_of(record: Record, numbers: dict[str, int]) -> Iterator[tuple[int, Ev
 
 
 _ANSWER, _STEP = Kind.ANSWER.value, Kind.STEP.value
-_NO_EVENT = {Kind.DIGEST.value, Kind.CONFLICT.value, Kind.CREATED.value}
+_NO_EVENT = {Kind.DIGEST.value, Kind.BRANCHED.value, Kind.CONFLICT.value, Kind.CREATED.value}
 
 
 def _small_event(kind: Kind, body: bytes) -> Event:

@@ -297,6 +297,14 @@ class CreateSession(Wire, frozen=True, kw_only=True, tag="create-session"):
     teachers_min: Annotated[int, Meta(ge=0, le=1000)] = 1
 
 
+class Branch(Wire, frozen=True, kw_only=True, tag="branch"):
+    """Take a session up again from the beginning of an earlier episode, as a session of its own."""
+
+    session: Name
+    episode: Count
+    branch: Name
+
+
 class SessionQuery(Wire, frozen=True, kw_only=True, tag="session-query"):
     """Ask about one session, or about all of them."""
 

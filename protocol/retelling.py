@@ -29,7 +29,7 @@ Told = tuple[int, Decision | Step | Episode]
 
 WORKERS_MAX = 256
 """Workers in one report, who answered last first."""
-_UNTOLD = {Kind.DIGEST.value, Kind.CONFLICT.value}
+_UNTOLD = {Kind.DIGEST.value, Kind.CONFLICT.value, Kind.BRANCHED.value}
 
 
 class Retelling:

@@ -8,6 +8,7 @@ from typing import TypeVar
 from protocol.codec import DecodeError, decode, encode
 from protocol.keys import Keys
 from protocol.messages import (
+    Branch,
     Control,
     CreateSession,
     Done,
@@ -53,6 +54,10 @@ class Operator:
     def create(self, config: CreateSession) -> None:
         """Create a session; the same again is the same session."""
         self._ask(self._keys.learner("create"), config, Done)
+
+    def branch(self, session: str, episode: int, name: str) -> None:
+        """Take a session up again from an earlier episode under another name; the same again is the same."""
+        self._ask(self._keys.learner("branch"), Branch(session=session, episode=episode, branch=name), Done)
 
     def sessions(self) -> SessionList:
         """Return a line about every session."""

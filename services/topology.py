@@ -89,7 +89,7 @@ def _aggregator(keys: Keys, crowd: Keys) -> Node:
 
 def _services(keys: Keys) -> tuple[Node, ...]:
     worlds = (keys.environment("begin"), keys.environment("execute"))
-    sessions = tuple(keys.learner(verb) for verb in ("create", "list", "show", "rows"))
+    sessions = tuple(keys.learner(verb) for verb in ("create", "branch", "list", "show", "rows"))
     return (
         Node(
             Role.ENVIRONMENT,
@@ -133,6 +133,7 @@ def _people(keys: Keys, crowd: Keys) -> tuple[Node, ...]:
             subscribes=_news(keys),
             asks=(
                 keys.learner("create"),
+                keys.learner("branch"),
                 keys.learner("list"),
                 keys.learner("show"),
                 keys.control(teacher=OPERATOR),

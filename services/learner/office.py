@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from protocol.codec import PAYLOAD_MAX, DecodeError, decode, encode
 from protocol.journal import Kind
 from protocol.messages import (
+    Branch,
     CreateSession,
     Done,
     JournalRow,
@@ -20,6 +21,7 @@ from protocol.messages import (
     SessionSummary,
 )
 from protocol.translate import TEACHERS_NAMED_MAX, episode_message, label_totals
+from services.learner.branching import branch
 from services.learner.live import created
 from sfid_core.learning.parameters import ParameterError
 from sfid_core.session.events import Restarted
@@ -53,6 +55,7 @@ class Office:
         self._learner = learner
         self.verbs: dict[str, Callable[[Request], None]] = {
             "create": self._on_create,
+            "branch": self._on_branch,
             "list": self._on_list,
             "show": self._on_show,
             "rows": self._on_rows,
@@ -66,6 +69,16 @@ class Office:
             refusal = Refusal(code="malformed", reason=str(error))
         except ParameterError as error:
             refusal = Refusal(code="invalid", reason=str(error)[:512])
+        if refusal is not None:
+            request.reply_error(encode(refusal))
+        else:
+            self._learner.loop.reply_durably(request, Done(ok=True))
+
+    def _on_branch(self, request: Request) -> None:
+        try:
+            refusal = branch(self._learner, decode(request.payload, Branch))
+        except DecodeError as error:
+            refusal = Refusal(code="malformed", reason=str(error))
         if refusal is not None:
             request.reply_error(encode(refusal))
         else:

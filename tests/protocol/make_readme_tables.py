@@ -138,6 +138,8 @@ MEANINGS = {
     "parameters": "parameters of the method that differ from its defaults: numbers, or words of a choice",
     "seed": "names every draw of the session",
     "teachers_min": "teachers who must have joined before the first decision",
+    "branch": "name of the new session",
+    "Branch.episode": "the episode to begin with; those before it are kept",
     "first_episode": "number of the first episode to report",
     "RowsQuery.after_seq": "the last row already read; 0 begins at the beginning",
     "JournalRows.after_seq": "the last row that this reply covers: ask from here next",

@@ -3,6 +3,7 @@
 from protocol.messages import (
     Acknowledgement,
     Answer,
+    Branch,
     Control,
     CreateSession,
     Crowd,
@@ -205,6 +206,7 @@ FULL: tuple[Wire, ...] = (
     Done(ok=False, reason="already paused or finished"),
     Refusal(code="busy", reason="the learner's inbox is full: send it again"),
     CREATE,
+    Branch(session="s1", episode=4, branch="s1-from4"),
     SessionQuery(session="s1", first_episode=100),
     SUMMARY,
     SessionList(sessions=(SUMMARY,)),

@@ -35,7 +35,7 @@ def test_the_keys_are_those_of_the_code() -> None:
         keys.control("<session>", "<teacher>"),
         keys.present("<session>", "<teacher>"),
         keys.crowd("<session>", "<aggregator>"),
-        *(keys.learner(verb) for verb in ("create", "list", "show", "rows")),
+        *(keys.learner(verb) for verb in ("create", "branch", "list", "show", "rows")),
         *(keys.environment(verb) for verb in ("begin", "execute")),
         keys.service("<role>", "<name>"),
     }
