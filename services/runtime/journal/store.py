@@ -251,7 +251,8 @@ def is_older(db: sqlite3.Connection) -> bool:
     (version,) = db.execute("PRAGMA user_version").fetchone()
     if version >= SCHEMA_VERSION:
         return False
-    return db.execute("SELECT sql FROM sqlite_schema WHERE name = 'head'").fetchone() == (OLDER_HEAD,)
+    (sql,) = db.execute("SELECT sql FROM sqlite_schema WHERE name = 'head'").fetchone() or (None,)
+    return bool(sql == OLDER_HEAD)
 
 
 def upgrade(directory: Path) -> bool:

@@ -24,7 +24,7 @@ BACK_S = 15.0
 HONEST = 10
 WINDOW_MS = 100
 """A decision each: ten honest teachers give some 100 answers a second."""
-SPAN_S = 8.0
+SPAN_S = 6.0
 FLOOD_A_SECOND = 1_000
 P99_MS = 50.0
 
