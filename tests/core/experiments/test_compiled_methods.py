@@ -19,11 +19,13 @@ TEACHERS = {
     "bob": TeacherParameters(silence=0.2),
 }
 VARIANTS: dict[str, list[dict[str, Value]]] = {
-    "advise": [{}, {"optima": "several", "temperature": 0.2}],
+    "advise": [{}, {"optima": "several", "temperature": 0.2}, {"estimate": "online"}],
+    "advise-labels": [{}, {"estimate": "online", "prior_answers": 1.0}],
     "coach": [{}, {"trace": 0.0}, {"trace": 0.9, "delay_steps": 2.0}],
     "clone": [{"demonstrations": 4.0}],
     "dagger": [{"rounds": 6.0}, {"schedule": "power"}],
-    "isabl": [{}, {"error": 0.35}],
+    "dpba": [{}, {"acts": "shaped"}],
+    "isabl": [{}, {"error": 0.35}, {"update": "episode"}],
     "pies": [{"episodes": 6.0}, {"gamma_advice": 0.9}],
     "potential": [{}, {"form": "distance"}],
     "sfid": [{}, {"silence": "skip", "explore": 0.1}, {"omega": "centred"}],
@@ -32,12 +34,14 @@ VARIANTS: dict[str, list[dict[str, Value]]] = {
     "tamer-rl": [
         {},
         {"technique": "control-sharing", "explore": 0.2},
+        {"technique": "control-sharing", "alone": "in-control", "anneal": 0.8},
         {"technique": "q-augmentation"},
         {"technique": "reward-shaping"},
     ],
 }
 
 
+@pytest.mark.compiler
 @pytest.mark.timeout(600)  # a compilation takes ten seconds, on a busy machine a minute
 @pytest.mark.skipif(not compiler_available(), reason="numba is not installed")
 @pytest.mark.parametrize("method", METHODS)
