@@ -127,7 +127,10 @@ def _run_chunk(condition: Runnable, seeds: tuple[int, ...], fast: bool) -> Resul
 
 def _batch(condition: Runnable, *, fast: bool) -> Any:  # noqa: ANN401 - each kind has its own
     """Return this worker's batch of a condition; the latest one is kept, for its chunks come in a row."""
-    key = (condition.digest, fast)
-    if getattr(_prepared, "key", None) != key:
-        _prepared.batch, _prepared.key = condition.batch(fast=fast), key
+    if getattr(_prepared, "condition", None) is not condition:
+        # Whatever crosses processes is never the same object again.
+        key = (condition.digest, fast)
+        if getattr(_prepared, "key", None) != key:
+            _prepared.batch, _prepared.key = condition.batch(fast=fast), key
+        _prepared.condition = condition
     return _prepared.batch

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,7 @@ from sfid_core.learning.kernels import Memory
 from sfid_core.learning.learner import table_sha256
 from sfid_core.learning.method import Method
 from sfid_core.learning.methods import method_named
+from sfid_core.learning.parameters import ParameterError
 from sfid_core.outcome import Outcome
 from sfid_core.session.config import SessionConfig
 from sfid_core.session.measures import EpisodeMeasures, LabelCounts
@@ -101,6 +103,15 @@ def runs_together(
     return covers(method_named(config.method), tuple(teachers.values()), tables.n_states)
 
 
+def _check(checkpoints: Sequence[int], episodes: int) -> None:
+    ascending = all(first < then for first, then in pairwise((0, *checkpoints, episodes + 1)))
+    if not ascending:
+        told = ", ".join(map(str, checkpoints))
+        raise ParameterError(
+            f"checkpoints {told} of {episodes} episodes: give episodes that there are, ascending"
+        )
+
+
 class Batch:
     """Sessions that differ in their seed alone, run one after the other.
 
@@ -128,6 +139,7 @@ class Batch:
         self._method = method_named(config.method)
         self._parameters = config.method_parameters
         self.tables = tabulate(world_of(config)) if tables is None else tables
+        _check(checkpoints, config.episodes)
         covered = not checkpoints and runs_together(config, teachers, self.tables)
         self._together = together and not self._fast and covered
         self._arrays = self._fast or self._together
@@ -161,7 +173,7 @@ class Batch:
         config = self._config
         shape = (len(seeds), config.episodes, COLUMNS)
         checked = (len(seeds), len(self._checkpoints))
-        out, success = self._zeros(math.prod(shape)), self._zeros(math.prod(checked))
+        out, success = self._room(math.prod(shape)), self._room(math.prod(checked))
         if self._together:
             self._run_together(seeds, out)
             return out.reshape(shape), success.reshape(checked)
@@ -197,7 +209,7 @@ class Batch:
             column(ties),
             column(explore),
             column(_teacher_keys(told, tuple(self._names or ("",)), session)),
-            column(_starts_of(self.tables, told, self._config.episodes)),
+            column(_starts_of(self.tables, told, self._config.episodes).astype(np.uint32)),
             column(_greedy_keys(told if self._checkpoints else (), session)),
             column(self._trials(seeds)),
         )
@@ -207,6 +219,9 @@ class Batch:
             return np.zeros(0, dtype=np.int32)
         drawn = [self.tables.draw_starts(seed).ids for seed in seeds]
         return np.concatenate([ids[:: -(-len(ids) // TRIALS_MAX)] for ids in drawn])
+
+    def _room(self, count: int) -> Any:  # noqa: ANN401 - a list or an array, written all over
+        return np.empty(count) if self._arrays else [0.0] * count
 
     def _zeros(self, count: int) -> Any:  # noqa: ANN401 - a list or an array
         return np.zeros(count) if self._arrays else [0.0] * count
@@ -331,7 +346,10 @@ def _kernels(method: Method, teachers: int, *, fast: bool) -> tuple[Callable[...
 
 @lru_cache(maxsize=8)
 def lane_world(tables: WorldTables, steps_max: int, *, arrays: bool) -> LaneWorld:
-    """Return the tables as kernels read them: arrays where they are compiled, lists where not."""
+    """Return the tables as kernels read them: arrays where they are compiled, lists where not.
+
+    States are unsigned, for then an index costs no look whether it counts from the end.
+    """
     words = [state_word(key) for key in tables.state_keys]
     words += [0] * (tables.n_states - len(words))
 
@@ -339,7 +357,7 @@ def lane_world(tables: WorldTables, steps_max: int, *, arrays: bool) -> LaneWorl
         return numbers if arrays else numbers.tolist()
 
     return LaneWorld(
-        column(tables.successor.reshape(-1)),
+        column(tables.successor.reshape(-1).astype(np.uint32)),
         column(tables.reward.reshape(-1)),
         column(tables.outcome),
         column(tables.optimal_steps),
