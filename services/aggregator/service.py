@@ -3,7 +3,6 @@
 import logging
 import secrets
 import threading
-from collections import Counter
 from collections.abc import Callable
 from random import Random
 from typing import Any
@@ -75,8 +74,6 @@ class Aggregator:
         self.config, self.bus, self.shard = config, bus, shard
         self.learners, self.keys = Keys(config.deployment), Keys(config.crowd_deployment)
         self.crowds: dict[str, LiveCrowd] = {}
-        self.malformed: Counter[tuple[str, str]] = Counter()
-        """Unreadable messages by (session, sender)."""
         settings = LoopSettings("aggregator", config.inbox_max, config.waiting_max, config.commit_every_ms)
         self.loop = DurableLoop(shard, clock, settings)
         self._clock, self._chance = clock, chance
@@ -131,7 +128,7 @@ class Aggregator:
             "sessions": len(lives),
             "running": sum(not live.finished for live in lives),
             "teachers": sum(len(live.crowd.members) for live in lives if live.crowd is not None),
-            "refused": {"malformed": self.malformed.total()} if self.malformed else {},
+            "refused": self.reception.desk.refusals(),
             **self.loop.commits.facts(),
         }
 
@@ -171,7 +168,7 @@ class Aggregator:
         return self._live(session)
 
     def _live(self, session: str) -> LiveCrowd:
-        door = self.reception.door
+        door = self.reception.desk.door
         upstream = Upstream(
             self.bus, self.learners, session, self.config.name,
             wake=lambda: self.loop.enqueue(self._pump, live), clock=self._clock, chance=self._chance,

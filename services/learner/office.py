@@ -154,7 +154,8 @@ class Office:
     def _report(self, live: LiveSession, first: int) -> SessionReport:
         session = live.session
         shown = live.episodes_at[first : first + EPISODES_A_REPORT]
-        malformed = {sender: n for (name, sender), n in self._learner.malformed.items() if name == live.name}
+        counts = self._learner.reception.desk.malformed
+        malformed = {sender: count for (name, sender), count in counts.items() if name == live.name}
         return SessionReport(
             summary=_summary(live),
             config=live.config,

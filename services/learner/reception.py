@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
-from protocol.codec import DecodeError, decode, encode, printable
-from protocol.identity import check_key, check_of
+from protocol.codec import DecodeError, decode, printable
 from protocol.journal import Kind, answer_body, read_answer_body, without_token
 from protocol.keys import KeyNameError
-from protocol.messages import Acknowledgement, Answer, Control, Done, Join, Refusal, Welcome
+from protocol.messages import Answer, Control, Done, Join, Welcome
 from protocol.translate import UnknownAction, answer_given, check_posterior, episode_message, window_of
-from services.runtime.doorkeeper import Doorkeeper, reason_of
+from services.runtime.front_desk import DeskSettings, FrontDesk, Refused
 from services.runtime.log_config import about
 from sfid_core.session.admission import NOT_OPEN_YET, why_rejected
 from sfid_core.session.effects import Acknowledge, AnswerCode, Ignored
@@ -36,21 +35,8 @@ log = logging.getLogger("sfid.learner")
 
 OPERATOR = "operator"
 """The name under which the command line controls a session; nobody can teach under it."""
-NOBODY = ("-", "-")
-"""Session and sender where the key names none, or there are too many to count each."""
-SENDERS_MAX = 10_000
-"""Senders whose unreadable messages are counted one by one: names cost an attacker nothing."""
 EPISODES_SHOWN = 50
 """Latest episodes in a welcome, for the curves of a late joiner."""
-RefusalCode = Literal["malformed", "unknown-session", "denied", "busy", "not-durable", "conflict", "invalid"]
-
-
-class Refused(Exception):  # noqa: N818 - not a fault of the program
-    """The request cannot be served; carries the reply."""
-
-    def __init__(self, code: RefusalCode, reason: str) -> None:
-        super().__init__(reason)
-        self.reply = Refusal(code=code, reason=reason[:512])
 
 
 class Reception:
@@ -59,7 +45,8 @@ class Reception:
     def __init__(self, learner: Learner) -> None:
         self._learner = learner
         config = learner.config
-        self.door = Doorkeeper(config.data_dir, learner.loop.at_ns) if config.require_tokens else None
+        settings = DeskSettings("learner", config.data_dir, config.require_tokens, config.check_secrets)
+        self.desk = FrontDesk(learner.loop, learner.keys, settings)
 
     def on_answer(self, request: Request) -> None:
         """Journal an answer, let it take effect, acknowledge it after the commit."""
@@ -68,7 +55,7 @@ class Reception:
             live = self._whose(request.key, message)
             self._answer(live, message, request)
         except (DecodeError, KeyNameError, UnknownAction, Refused) as error:
-            self._refuse(request, error)
+            self.desk.refuse(request, error)
 
     def _answer(self, live: LiveSession, message: Answer, request: Request) -> None:
         kept = without_token(message, request.payload)
@@ -96,7 +83,7 @@ class Reception:
             )  # fmt: skip
             log.debug("answer journaled as %s", told.code.value, extra=ids)
         learner.perform(live, at_ns, effects[1:])
-        self._acknowledge(request, message, told.code, told.reason, seq)
+        self.desk.acknowledge(request, message, told.code, told.reason, seq)
 
     def _seen_before(self, live: LiveSession, message: Answer, kept: bytes, request: Request) -> bool:
         """Answer a repeat: the same content gets the same acknowledgement, another content is a conflict."""
@@ -115,25 +102,8 @@ class Reception:
                 AnswerCode.CONFLICT,
                 "this id came before with another content: make a new id for a new answer",
             )
-        self._acknowledge(request, message, code, reason, row.seq)
+        self.desk.acknowledge(request, message, code, reason, row.seq)
         return True
-
-    def _acknowledge(
-        self, request: Request, message: Answer, code: AnswerCode, reason: str, seq: int
-    ) -> None:
-        reply = Acknowledgement(
-            answer_id=message.answer_id,
-            code=code.word,
-            reason=reason,
-            check=check_of(request.payload, self._check_key(message)),
-            epoch=self._learner.shard.epoch,
-            journal_seq=seq,
-        )
-        self._learner.loop.reply_durably(request, reply)
-
-    def _check_key(self, message: Join | Answer) -> bytes | None:
-        secrets = self._learner.config.check_secrets
-        return check_key(message.session, message.teacher, secrets) if secrets else None
 
     def on_join(self, request: Request) -> None:
         """Let a teacher take part and tell them where the session stands."""
@@ -144,7 +114,7 @@ class Reception:
                 raise Refused("denied", f"the name {OPERATOR} is kept for the command line: choose another")
             self._join(live, message, request)
         except (DecodeError, KeyNameError, Refused) as error:
-            self._refuse(request, error)
+            self.desk.refuse(request, error)
 
     def _join(self, live: LiveSession, message: Join, request: Request) -> None:
         session, learner = live.session, self._learner
@@ -174,7 +144,7 @@ class Reception:
             rights=() if finished else ("answer", "window", "pause"),
             decision=learner.decision(live, at_ns),
             episodes=tuple(episode_message(measures, session, ended_ns) for ended_ns, _, measures in latest),
-            check_key=self._check_key(message),
+            check_key=self.desk.check_key(message),
         )
         learner.loop.reply_durably(request, welcome)
 
@@ -191,7 +161,7 @@ class Reception:
             ignored = next((effect.reason for effect in effects if isinstance(effect, Ignored)), "")
             self._learner.loop.reply_durably(request, Done(ok=not ignored, reason=ignored))
         except (DecodeError, KeyNameError, Refused) as error:
-            self._refuse(request, error)
+            self.desk.refuse(request, error)
 
     def _whose(self, key: str, message: Join | Answer | Control) -> LiveSession:
         """Return the session that the key names, when the body names the same session and teacher.
@@ -199,41 +169,15 @@ class Reception:
         Where tokens are required, the teacher also has one; the operator, whom the router's access control
         lets in, needs none.
         """
-        session, teacher = message.session, message.teacher
-        if self._learner.keys.session_and_teacher(key) != (session, teacher):
-            raise Refused("denied", "the key names another session or teacher than the message")
-        operator = isinstance(message, Control) and teacher == OPERATOR
-        if self.door is not None and not operator:
-            fault = self.door.fault(session, teacher, message.token)
-            if fault is not None:
-                raise Refused("denied", reason_of(fault))
+        operator = isinstance(message, Control) and message.teacher == OPERATOR
+        self.desk.admit(key, message, unproved=operator)
+        session = message.session
         live = self._learner.sessions.get(session)
         if live is None:
             raise Refused(
                 "unknown-session", f"no session {session} here: `sfid session list` shows what there is"
             )
         return live
-
-    def _refuse(self, request: Request, error: Exception) -> None:
-        """Answer with an error; unreadable messages are counted by sender and logged at 1, 2, 4, 8 ..."""
-        if isinstance(error, Refused):
-            request.reply_error(encode(error.reply))
-            return
-        code: RefusalCode = "invalid" if isinstance(error, UnknownAction) else "malformed"
-        request.reply_error(encode(Refusal(code=code, reason=str(error)[:512])))
-        sender = self._sender(request.key)
-        if len(self._learner.malformed) >= SENDERS_MAX and sender not in self._learner.malformed:
-            sender = NOBODY
-        self._learner.malformed[sender] += 1
-        count = self._learner.malformed[sender]
-        if count & (count - 1) == 0:
-            log.warning("session %s: unreadable message %d from %s: %s", sender[0], count, sender[1], error)
-
-    def _sender(self, key: str) -> tuple[str, str]:
-        try:
-            return self._learner.keys.session_and_teacher(key)
-        except KeyNameError:
-            return NOBODY
 
 
 def _comes_again(live: LiveSession, message: Answer, event: AnswerGiven) -> bool:

@@ -2,7 +2,6 @@
 
 import logging
 import threading
-from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -48,8 +47,6 @@ class Learner:
         self.shard = shard
         self.keys = Keys(config.deployment)
         self.sessions: dict[str, LiveSession] = {}
-        self.malformed: Counter[tuple[str, str]] = Counter()
-        """Unreadable messages by (session, sender)."""
         settings = LoopSettings("learner", config.inbox_max, config.waiting_max, config.commit_every_ms)
         self.loop = DurableLoop(shard, clock, settings)
         self._present: set[tuple[str, str]] = set()

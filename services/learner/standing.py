@@ -31,16 +31,13 @@ class Standing:
     def _facts(self) -> dict[str, Any]:
         learner = self._learner
         lives = learner.sessions.values()
-        refused = {"malformed": learner.malformed.total(), "too-many-waiting": learner.loop.turnstile.refused}
-        if learner.reception.door is not None:
-            refused |= {fault.value: count for fault, count in learner.reception.door.refused.items()}
         return {
             "backlog": learner.loop.waiting,
             "sessions": len(lives),
             "running": sum(live.session.phase is not Phase.FINISHED for live in lives),
             "teachers": sum(len(live.session.teachers) for live in lives),
             "labels": total([label_totals(live.session.counts) for live in lives]),
-            "refused": {reason: count for reason, count in refused.items() if count},
+            "refused": learner.reception.desk.refusals(),
             **learner.loop.commits.facts(),
         }
 

@@ -74,8 +74,7 @@ BUGS = (
         "R1",
         RECEPTION,
         "        body = answer_body(told.code, told.reason, kept)\n",
-        "        body = answer_body(told.code, told.reason, encode(message.__class__(**{"
-        "name: getattr(message, name) for name in message.__struct_fields__} | {'response_ms': 7})))\n",
+        "        body = answer_body(told.code, told.reason, kept.replace(b'LEFT', b'DOWN'))\n",
     ),
     Bug(
         "another content under the same id gets the acknowledgement of the first",
@@ -88,8 +87,8 @@ BUGS = (
         "a repeated answer is told a code of its own",
         "R2",
         RECEPTION,
-        "        self._acknowledge(request, message, code, reason, row.seq)\n",
-        "        self._acknowledge(request, message, AnswerCode.SUPERSEDED, reason, row.seq)\n",
+        "        self.desk.acknowledge(request, message, code, reason, row.seq)\n",
+        "        self.desk.acknowledge(request, message, AnswerCode.SUPERSEDED, reason, row.seq)\n",
     ),
     Bug(
         "a closing by the clock is not journaled",
@@ -176,8 +175,8 @@ BUGS = (
     Bug(
         "an aggregator's worker is acknowledged before the commit",
         "R1",
-        "services/aggregator/reception.py",
-        "        self._aggregator.loop.reply_durably(request, reply)\n",
+        "services/runtime/front_desk.py",
+        "        self._loop.reply_durably(request, reply)\n",
         "        request.reply(encode(reply))\n",
         seeds=72,
     ),

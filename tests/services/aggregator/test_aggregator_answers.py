@@ -148,7 +148,7 @@ def test_garbage_is_counted_by_its_sender(crowd_room: CrowdRoom) -> None:
     for _ in range(3):
         assert crowd_room.refused(CROWD_KEYS.answer("s1", "ann"), b"\xc1").code == "malformed"
     assert crowd_room.aggregator is not None
-    assert crowd_room.aggregator.malformed == {("s1", "ann"): 3}
+    assert crowd_room.aggregator.reception.desk.malformed == {("s1", "ann"): 3}
 
 
 def test_a_session_that_the_learner_does_not_have_has_no_crowd(crowd_room: CrowdRoom) -> None:

@@ -62,7 +62,7 @@ def test_a_member_with_their_token_is_heard_and_the_crowd_bears_one_to_the_learn
     guarded.settle()
     (handed,) = guarded.learner_answers()
     assert (handed.teacher, handed.token) == ("crowd", None)
-    door = guarded.learner.reception.door
+    door = guarded.learner.reception.desk.door
     assert door is not None
     assert dict(door.refused) == {}
     for path in guarded.data_dir.rglob("*"):
@@ -87,7 +87,7 @@ def test_members_without_a_token_of_their_own_are_refused_counted_and_leave_noth
     ]
     assert {one.code for one in refused} == {"denied"}
     assert guarded.aggregator is not None
-    door = guarded.aggregator.reception.door
+    door = guarded.aggregator.reception.desk.door
     assert door is not None
     assert sum(door.refused.values()) == len(refused)
     assert guarded.crowd_rows() == []

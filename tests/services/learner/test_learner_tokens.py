@@ -37,7 +37,7 @@ class GuardedRoom(Classroom):
 
     @property
     def refused_by(self) -> dict[str, int]:
-        door = self.learner.reception.door
+        door = self.learner.reception.desk.door
         assert door is not None
         return {fault.value: count for fault, count in door.refused.items()}
 
@@ -156,7 +156,7 @@ def test_a_learner_that_requires_nothing_asks_for_no_secret(room: Classroom) -> 
     room.create()
     assert Pupil(room, "ann").join(token=ID).session == "s1"
     assert not (room.data_dir / "gateway").exists()
-    assert room.learner.reception.door is None
+    assert room.learner.reception.desk.door is None
 
 
 def test_every_reason_has_its_mend() -> None:

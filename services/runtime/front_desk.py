@@ -1,0 +1,121 @@
+"""What every service that people answer does at its door: who they are, what cannot be read, what is saved.
+
+Learner and aggregator have one each; what an answer means is their own.
+"""
+
+import logging
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from protocol.codec import encode
+from protocol.identity import check_key, check_of
+from protocol.keys import KeyNameError, Keys
+from protocol.messages import Acknowledgement, Answer, Control, Join, Refusal
+from protocol.translate import UnknownAction
+from services.runtime.bus import Request
+from services.runtime.doorkeeper import Doorkeeper, reason_of
+from services.runtime.durable_loop import DurableLoop
+from sfid_core.session.effects import AnswerCode
+
+NOBODY = ("-", "-")
+"""Session and sender where the key names none, or there are too many to count each."""
+SENDERS_MAX = 10_000
+"""Senders whose unreadable messages are counted one by one: names cost an attacker nothing."""
+RefusalCode = Literal["malformed", "unknown-session", "denied", "busy", "not-durable", "conflict", "invalid"]
+
+
+class Refused(Exception):  # noqa: N818 - not a fault of the program
+    """The request cannot be served; carries the reply."""
+
+    def __init__(self, code: RefusalCode, reason: str) -> None:
+        super().__init__(reason)
+        self.reply = Refusal(code=code, reason=reason[:512])
+
+
+@dataclass(frozen=True, slots=True)
+class DeskSettings:
+    """Whose desk it is, and how it knows people."""
+
+    service: str
+    """Name of the service, in its log."""
+    data_dir: Path
+    """The deployment's directory, where its secrets and its register are."""
+    require_tokens: bool
+    """Whether people are let in only with a token that the deployment's secret has signed."""
+    check_secrets: tuple[bytes, ...]
+    """What keys the checks of acknowledgements; empty: they have no key."""
+
+
+class FrontDesk:
+    """Knows people, counts what is unreadable, acknowledges; on the loop's thread. Raises: SecretError."""
+
+    def __init__(self, loop: DurableLoop, keys: Keys, settings: DeskSettings) -> None:
+        self._loop, self._keys = loop, keys
+        self._check_secrets = settings.check_secrets
+        self._log = logging.getLogger(f"sfid.{settings.service}")
+        self.door = Doorkeeper(settings.data_dir, loop.at_ns) if settings.require_tokens else None
+        self.malformed: Counter[tuple[str, str]] = Counter()
+        """Unreadable messages by (session, sender)."""
+
+    def admit(self, key: str, message: Join | Answer | Control, *, unproved: bool = False) -> None:
+        """Let a message in whose key names its session and sender, who is proved where tokens are required.
+
+        Args: unproved: the sender needs no token. Raises: Refused, KeyNameError.
+        """
+        if self._keys.session_and_teacher(key) != (message.session, message.teacher):
+            raise Refused("denied", "the key names another session or teacher than the message")
+        if self.door is None or unproved:
+            return
+        fault = self.door.fault(message.session, message.teacher, message.token)
+        if fault is not None:
+            raise Refused("denied", reason_of(fault))
+
+    def check_key(self, message: Join | Answer) -> bytes | None:
+        """Return what keys the checks for this person; None where checks have no key."""
+        secrets = self._check_secrets
+        return check_key(message.session, message.teacher, secrets) if secrets else None
+
+    def acknowledge(
+        self, request: Request, message: Answer, code: AnswerCode, reason: str, journal_seq: int
+    ) -> None:
+        """Tell what became of an answer, after the next commit."""
+        reply = Acknowledgement(
+            answer_id=message.answer_id,
+            code=code.word,
+            reason=reason,
+            check=check_of(request.payload, self.check_key(message)),
+            epoch=self._loop.shard.epoch,
+            journal_seq=journal_seq,
+        )
+        self._loop.reply_durably(request, reply)
+
+    def refuse(self, request: Request, error: Exception) -> None:
+        """Answer with an error; unreadable messages are counted by sender and logged at 1, 2, 4, 8 ..."""
+        if isinstance(error, Refused):
+            request.reply_error(encode(error.reply))
+            return
+        code: RefusalCode = "invalid" if isinstance(error, UnknownAction) else "malformed"
+        request.reply_error(encode(Refusal(code=code, reason=str(error)[:512])))
+        sender = self._sender(request.key)
+        if len(self.malformed) >= SENDERS_MAX and sender not in self.malformed:
+            sender = NOBODY
+        self.malformed[sender] += 1
+        count = self.malformed[sender]
+        if count & (count - 1) == 0:
+            text = "session %s: unreadable message %d from %s: %s"
+            self._log.warning(text, sender[0], count, sender[1], error)
+
+    def refusals(self) -> dict[str, int]:
+        """Return how many requests were refused, by reason."""
+        found = {"malformed": self.malformed.total(), "too-many-waiting": self._loop.turnstile.refused}
+        if self.door is not None:
+            found |= {fault.value: count for fault, count in self.door.refused.items()}
+        return {reason: count for reason, count in found.items() if count}
+
+    def _sender(self, key: str) -> tuple[str, str]:
+        try:
+            return self._keys.session_and_teacher(key)
+        except KeyNameError:
+            return NOBODY
