@@ -8,7 +8,9 @@ The tests run the same functions with the share of CI.
 
 import argparse
 import json
+import logging
 import os
+import signal
 import sys
 import tempfile
 import time
@@ -32,8 +34,6 @@ IN_MEMORY = frozenset({"power-cuts", "bit-flips", "cuts"})
 DECISIONS = 200
 PROCESSES = 2
 """That share the simulator's seeds; what comes out does not depend on it."""
-AT_SYNCS_SHARE = 8
-"""One kill in so many happens at a chosen sync."""
 
 
 class Outcome(NamedTuple):
@@ -97,12 +97,18 @@ def _damaged(damaged: Callable[[int, int, Path], damage.Damage]) -> Callable[[in
 
 
 def _kills(count: int, root: Path) -> Outcome:
-    at_syncs = max(1, count // AT_SYNCS_SHARE)
-    found = kills.kill_and_look(count - at_syncs, at_syncs, SEED, root)
+    return _told(kills.kill_and_look(count, 0, SEED, root))
+
+
+def _sync_kills(count: int, root: Path) -> Outcome:
+    return _told(kills.kill_and_look(0, count, SEED, root))
+
+
+def _told(found: kills.Kills) -> Outcome:
     roles = ", ".join(f"{role} {times}" for role, times in sorted(found.by_role.items()))
     result = (
         f"{found.acknowledged} acknowledged, {found.lost} lost, {found.twice} twice, "
-        f"{found.unproven} unproven; learner at a sync {found.at_syncs}, {roles}; "
+        f"{found.unproven} unproven{'; ' * bool(roles)}{roles}; "
         f"acknowledged again after {found.back_ms_median} ms (median), {found.back_ms_worst} ms (worst)"
     )
     return Outcome(found.kills, result, _broken(lost=found.lost, twice=found.twice, unproven=found.unproven))
@@ -160,9 +166,12 @@ FAULTS = (
           "test_a_flipped_bit_is_noticed_and_loses_nothing", 150, 10_000, _damaged(damage.flip_bits)),
     Fault("cuts", "one journal file cut short", "noticed, and 0 acknowledged labels lost",
           "test_a_file_cut_short_is_noticed_and_loses_nothing", 100, 4_096, _damaged(damage.cut_ends)),
-    Fault("kills", "SIGKILL of learner, aggregator, environment, gateway, router, and in the learner's syncs",
+    Fault("kills", "SIGKILL of learner, aggregator, environment, gateway, router, up to five at once",
           "0 acknowledged labels lost, 0 counted twice, Q equal to replay",
           "test_killed_processes_lose_nothing_and_count_nothing_twice", 8, 500, _kills),
+    Fault("sync-kills", "SIGKILL in the learner's 1st, 2nd ... sync of the disk, teaching going on",
+          "0 acknowledged labels lost, 0 counted twice, Q equal to replay",
+          "test_a_learner_killed_in_a_sync_loses_nothing", 3, 60, _sync_kills),
     Fault("restart", "learner killed with so many labels in its journal",
           f"acknowledges again within {BACK_SECONDS_MAX:.0f} s",
           "test_a_learner_with_a_long_journal_acknowledges_again_soon", 10_000, 100_000, _back),
@@ -181,7 +190,8 @@ FAULTS = (
           2, 1_500, _simulated(DECISIONS)),
 )  # fmt: skip
 UNITS = {"restart": "labels", "verify": "labels", "random-frames": "frames", "mutated-frames": "frames",
-         "simulator": "seeds", "simulator-long": "seeds", "kills": "kills", "power-cuts": "cuts",
+         "simulator": "seeds", "simulator-long": "seeds", "kills": "kills", "sync-kills": "kills",
+         "power-cuts": "cuts",
          "bit-flips": "flips", "cuts": "cuts"}  # fmt: skip
 
 
@@ -210,6 +220,8 @@ def _store(fault: Fault, outcome: Outcome) -> Result:
 
 def main() -> None:
     """Carry out the campaigns named, or all, in full; a smaller share with --scale."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # what was started ends with it
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("names", nargs="*", choices=[*(fault.name for fault in FAULTS), []], default=[])
     parser.add_argument(

@@ -42,9 +42,15 @@ def test_a_file_cut_short_is_noticed_and_loses_nothing(holds: Holds) -> None:
 
 @pytest.mark.real
 @pytest.mark.timeout(240)
-@pytest.mark.skipif(shutil.which("strace") is None, reason="needs strace")
 def test_killed_processes_lose_nothing_and_count_nothing_twice(holds: Holds) -> None:
     assert holds("kills") >= named("kills").share
+
+
+@pytest.mark.real
+@pytest.mark.timeout(240)
+@pytest.mark.skipif(shutil.which("strace") is None, reason="needs strace")
+def test_a_learner_killed_in_a_sync_loses_nothing(holds: Holds) -> None:
+    assert holds("sync-kills") == named("sync-kills").share
 
 
 @pytest.mark.real
