@@ -7,7 +7,7 @@ from pathlib import Path
 
 from protocol.codec import decode
 from protocol.journal import Kind, Record, events_of
-from protocol.messages import CreateSession
+from protocol.messages import CreateSession, GymWorld
 from protocol.translate import action_names, config_of
 from services.runtime.journal import read_rows
 from sfid_core.experiments.batch import world_of
@@ -82,6 +82,10 @@ def _replayed_or_misfit(
 
 def _replayed(name: str, records: list[Record], method: str, given: Mapping[str, Value]) -> OtherMethod:
     message = decode(records[0].body, CreateSession)
+    if isinstance(message.world, GymWorld):
+        raise ParameterError(
+            f"taught in {message.world.level_name}: other methods are judged on levels alone"
+        )
     actions = action_names(message.world)
     numbers = {action: number for number, action in enumerate(actions)}
     config = config_of(message)

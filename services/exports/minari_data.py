@@ -18,6 +18,7 @@ from services.exports.session_tables import session_tables
 from services.exports.table import ExportError
 from services.exports.write import Format, write_tables
 
+NAMESPACE = "sfid"
 NOTHING = -1
 """In `label`: nobody named an action."""
 
@@ -31,7 +32,7 @@ def write_minari(story: Story, root: Path) -> Path:
     Raises: ExportError, one line with the mend.
     """
     root = root.resolve()  # Minari loses its way from a relative one
-    folder = root / "sfid" / f"{story.config.session}-v0"
+    folder = root / NAMESPACE / f"{story.config.session}-v0"
     if (folder / "data" / "metadata.json").exists():
         raise ExportError(f"{folder} holds a data set already: remove it, or name another --out")
     try:
@@ -130,7 +131,7 @@ def _infos(story: Story, steps: Sequence[Step]) -> dict[str, Any]:
 def _about(story: Story, observed: _Observed, version: str) -> dict[str, Any]:
     config = story.config
     return {
-        "dataset_id": f"sfid/{config.session}-v0",
+        "dataset_id": f"{NAMESPACE}/{config.session}-v0",
         "minari_version": version,
         "algorithm_name": config.method,
         "description": f"Session {config.session}: {config.method} taught in {config.world.level_name}.",
@@ -143,6 +144,6 @@ def _about(story: Story, observed: _Observed, version: str) -> dict[str, Any]:
 
 def _declare(root: Path) -> None:
     """Make the namespace known, as Minari's own functions do."""
-    described = root / "sfid" / "namespace_metadata.json"
+    described = root / NAMESPACE / "namespace_metadata.json"
     if not described.exists():
         described.write_text('{"description": "Sessions taught with SfID"}\n', encoding="utf-8")

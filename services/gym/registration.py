@@ -5,8 +5,12 @@ wants an import. `gymnasium.make("services.gym.registration:sfid/Sokoban-v0")` d
 """
 
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from functools import lru_cache
+from importlib import import_module
 from importlib.metadata import entry_points
+from importlib.util import find_spec
 
 import gymnasium
 from gymnasium.envs.registration import namespace
@@ -18,6 +22,9 @@ ROOT = "__root__"
 """Name of an entry point whose environments stand in no namespace, as those of MiniGrid do."""
 NAMESPACE, SOKOBAN = "sfid", "Sokoban-v0"
 
+IMPORTED = ("minigrid",)
+"""Packages that register their environments when they are imported, and name no entry point for it."""
+
 
 def register_environments() -> None:
     """Register `sfid/Sokoban-v0`; again changes nothing."""
@@ -28,16 +35,23 @@ def register_environments() -> None:
 
 @lru_cache(1)
 def register_installed() -> None:
-    """Register the environments of every installed package that names them, once a process."""
+    """Register the environments of every installed package that names them or is known, once a process."""
+    for package in IMPORTED:
+        if find_spec(package) is not None:
+            with _told(package):
+                import_module(package)
     for point in entry_points(group=GROUP):
-        try:
-            if point.name == ROOT:
-                point.load()()
-            else:
-                with namespace(point.name):
-                    point.load()()
-        except Exception as error:  # noqa: BLE001 - one package's fault is not the others'
-            log.warning("environments of %s are not registered: %s", point.value, error)
+        with _told(point.value), nullcontext() if point.name == ROOT else namespace(point.name):
+            point.load()()
+
+
+@contextmanager
+def _told(what: str) -> Iterator[None]:
+    """Let one package's fault be told, and not be the others'."""
+    try:
+        yield
+    except Exception as error:  # noqa: BLE001 - other people's code may fail in any way
+        log.warning("environments of %s are not registered: %s", what, error)
 
 
 register_environments()

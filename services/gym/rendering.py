@@ -83,5 +83,5 @@ def as_picture(pixels: Any) -> str:  # noqa: ANN401 - an array, if the environme
 
 
 def as_observed(observation: Any) -> str:  # noqa: ANN401 - environments observe what they like
-    """Return an observation in words, for an environment that cannot draw itself."""
+    """Return an observation in words, or what an environment says of itself that cannot draw itself."""
     return "\n".join(_printable(line) for line in str(observation).split("\n"))

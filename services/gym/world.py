@@ -222,8 +222,12 @@ class GymCourse:
 def view_of(environment: Any, observation: Any) -> str:  # noqa: ANN401 - any environment
     """Return what teachers see of an environment that was reset. Raises: GymError when it does not fit."""
     mode = environment.render_mode
-    drawn = environment.render() if mode else observation
-    view = as_text(drawn) if mode == "ansi" else as_picture(drawn) if mode else as_observed(drawn)
+    if mode:
+        drawn = environment.render()
+        view = as_text(drawn) if mode == "ansi" else as_picture(drawn)
+    else:
+        grid = getattr(environment.unwrapped, "pprint_grid", None)  # MiniGrid's map
+        view = as_observed(observation if grid is None else grid())
     if len(view) > VIEW_MAX:
         raise GymError(f"a view takes {len(view)} characters, {VIEW_MAX} fit: render it another way")
     return view

@@ -1,12 +1,14 @@
 """What teachers and watchers see of worlds that are no Sokoban: text, pictures, keys for their actions."""
 
 from base64 import b64decode
+from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
 
-from protocol.messages import Decision
+from protocol.messages import CreateSession, Decision
+from services.experiments.other_method import Misfit, replay_with
 from services.gym.rendering import as_picture, is_board
 from services.monitor.chronicle import Chronicle
 from services.monitor.png import SIGNATURE
@@ -18,6 +20,8 @@ from services.teachers.grid import shown
 from services.teachers.spoken import spoken
 from sfid_core.sokoban.levels import packaged
 from tests.protocol.samples import DECISION, STEP
+from tests.services.gym.lakes import DRY_LAKE
+from tests.services.learner.classroom import UNTIL_ANSWERED, Classroom, Pupil
 
 LAKE = "[S] F \n F  H "
 TAXI = ("DOWN", "UP", "RIGHT", "LEFT", "PICKUP", "DROPOFF")
@@ -96,3 +100,18 @@ def test_the_panel_asks_for_actions_where_there_are_others_than_the_four_ways() 
 
     assert told(DECISION) == ("Which way would you go?", "arrows, hjkl or wasd  the way you would go")
     assert told(RIDE) == ("What would you do?", "1 DOWN   2 UP   3 RIGHT   4 LEFT   5 PICKUP   6 DROPOFF")
+
+
+def test_a_session_in_another_world_is_no_fit_for_another_method_and_no_reason_to_fail(
+    tmp_path: Path,
+) -> None:
+    room = Classroom(tmp_path / "data")
+    room.create(CreateSession(session="s1", world=DRY_LAKE, window=UNTIL_ANSWERED, episodes=1))
+    ann = Pupil(room, "ann")
+    ann.join()
+    assert ann.label(room.decision, "DOWN").code == "accepted"
+    room.pass_time(600)
+    room.shard.close()
+    assert replay_with(tmp_path / "data", "sfid", {}) == [
+        Misfit("s1", "taught in FrozenLake-v1 (is_slippery=False): other methods are judged on levels alone")
+    ]

@@ -234,3 +234,34 @@ def test_an_environment_that_cannot_be_taught_is_told_before_a_session_is_made(
 ) -> None:
     with pytest.raises(GymError, match=reason):
         described(environment, options)
+
+
+class Map(Counter):
+    """Cannot draw itself, and writes its map when asked, as MiniGrid's do."""
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - as Gymnasium wants it
+
+    def pprint_grid(self) -> str:
+        return f"WG{self.at:02d}\nWGGG"
+
+
+def test_an_environment_that_cannot_draw_itself_is_seen_by_its_map_or_by_what_it_observes() -> None:
+    gymnasium.register("Map-v0", entry_point=Map)  # type: ignore[arg-type]
+    try:
+        course = GymGround(described("Map-v0", {}), 7).begin(0)
+        assert course.view.splitlines()[1] == "WGGG"
+        assert course.view.startswith("WG0")
+    finally:
+        del gymnasium.registry["Map-v0"]
+    assert GymGround(described("Blackjack-v1", {}), 7).begin(0).view.startswith("(")
+
+
+def test_minigrid_is_a_world_where_it_is_installed() -> None:
+    pytest.importorskip("minigrid")
+    world = described("MiniGrid-Empty-5x5-v0", {}, starts="1")
+    assert world.actions == ("LEFT", "RIGHT", "FORWARD", "PICKUP", "DROP", "TOGGLE", "DONE")
+    replies = walked(Environment(), world, ("FORWARD", "FORWARD", "RIGHT", "FORWARD", "FORWARD"))
+    assert replies[-1].outcome == "solved"
+    assert replies[0].view.splitlines()[0] == "WG" * 5
+    picture = described("MiniGrid-Empty-5x5-v0", {}, render="picture")
+    assert GymGround(picture, 1).begin(0).view.startswith("data:image/png;base64,")
