@@ -23,6 +23,9 @@ __all__ = ["ZenohBus", "ZenohRouter", "client_config", "open_bus", "router_confi
 # What Zenoh itself puts into the error reply of a query whose time is up.
 _TIMEOUT = b"Timeout"
 _RETRY_S = 0.1
+_LEAVE_S = 1.0
+# Callbacks that wait for the interpreter's lock have not been seen yet by anybody: they get a moment.
+_CALLBACKS_S = 0.01
 _KNOCK_S = 0.2
 D = TypeVar("D")
 T = TypeVar("T")
@@ -38,6 +41,7 @@ class ZenohBus:
         self._connected = False
         self._watchers: list[Callable[[bool], None]] = []
         self._asks: set[_Ask] = set()
+        self._inside: list[int] = []
         self._declared: list[object] = []
         self._served: list[str] = []
         self._serves = lru_cache(4096)(self._is_served)
@@ -56,14 +60,16 @@ class ZenohBus:
     def publish(self, key: str, payload: bytes) -> None:
         """See Topics."""
         checked_key(key)
-        if self._closed:
-            # Not left to Zenoh: a daemon thread inside it while the interpreter ends aborts the process.
-            return
+        thread = threading.get_ident()
+        self._inside.append(thread)  # before the look at `_closed`, so that `close` sees whoever gets past it
         try:
-            self._session.put(key, payload, congestion_control=zenoh.CongestionControl.DROP)
+            if not self._closed:
+                self._session.put(key, payload, congestion_control=zenoh.CongestionControl.DROP)
         except zenoh.ZError:
             if not self._closed:
                 raise
+        finally:
+            self._inside.remove(thread)
 
     def subscribe(self, key_expression: str, receive: Callable[[Received], None]) -> None:
         """See Topics."""
@@ -100,6 +106,16 @@ class ZenohBus:
         if timeout_ms <= 0:
             message = f"timeout_ms = {timeout_ms}: an ask needs a positive timeout"
             raise ValueError(message)
+        thread = threading.get_ident()
+        self._inside.append(thread)
+        try:
+            self._ask(key, payload, receive, timeout_ms)
+        finally:
+            self._inside.remove(thread)
+
+    def _ask(
+        self, key: str, payload: bytes, receive: Callable[[Reply | None], None], timeout_ms: int
+    ) -> None:
         if self._closed:
             self._guard.call("ask", receive, None)
             return
@@ -169,6 +185,14 @@ class ZenohBus:
         for asked in tuple(self._asks):
             asked.on_end()
         self._set_connected(connected=False)
+        self._await_leaving()
+
+    def _await_leaving(self) -> None:
+        """Wait for threads to come out of Zenoh: one in it while the interpreter ends aborts the process."""
+        until, me = time.monotonic() + _LEAVE_S, threading.get_ident()
+        while any(thread != me for thread in tuple(self._inside)) and time.monotonic() < until:
+            time.sleep(0.001)
+        time.sleep(_CALLBACKS_S)
 
     def _declare(self, key_expression: str, declare: Callable[[str], D]) -> D:
         checked_key_expression(key_expression)
