@@ -1,15 +1,19 @@
 """One deployment for all tests of a module, and where their results are kept."""
 
 import json
+import re
 from collections.abc import Callable, Iterator
-from pathlib import Path
+from dataclasses import asdict
 
 import pytest
 
 from tests.services.cli.command_line import sfid
+from tests.services.faults.campaigns import Result
 from tests.services.faults_network.rig import Rig, deployed
 
 Tell = Callable[..., None]
+CACHE = "fault-results"
+"""Place of the results in pytest's cache."""
 
 
 @pytest.fixture(scope="module")
@@ -31,16 +35,18 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
 
 @pytest.fixture
 def tell(request: pytest.FixtureRequest) -> Tell:
-    """Write down a fault, its promise and what came of it: a line of JSON for the published table."""
+    """Write down a fault, its promise and what came of it, as the published table takes it.
 
-    def write(fault: str, promise: str, count: int, result: str) -> None:
-        line = {
-            "fault": fault, "promise": promise, "test": request.node.nodeid, "count": count, "result": result
-        }  # fmt: skip
+    It goes to the cache of the run; `python -m tests.services.faults_network.store` keeps it.
+    """
+
+    def write(fault: str, promise: str, count: int, unit: str, result: str, *, holds: bool = True) -> None:
+        test = request.node
+        name = re.sub(r"[^a-z0-9]+", "-", f"network {test.name.removeprefix('test_')}".lower()).strip("-")
+        path = f"{test.path.relative_to(request.config.rootpath).as_posix()}::{test.originalname}"
+        row = Result(name, fault, promise, path, count, unit, result, holds)
         cache: pytest.Cache | None = getattr(request.config, "cache", None)
         if cache is not None:
-            kept = Path(str(cache.mkdir("fault-results"))) / "network.jsonl"
-            with kept.open("a") as file:
-                file.write(json.dumps(line) + "\n")
+            cache.set(f"{CACHE}/{name}", asdict(row))
 
     return write

@@ -42,8 +42,13 @@ def test_late_labels_on_a_slow_link_are_kept_and_never_count_for_another_decisio
     assert told.sound, told
     assert {voice.unacknowledged for voice in voices} == {0}
     late = sum(state.value == "too_late" for voice in voices for state, _ in voice.acknowledged.values())
-    tell("F9", "late labels are kept, and never applied to the wrong decision", told.acknowledged,
-         f"0 misattributed, {late} kept as late")  # fmt: skip
+    tell(
+        "F9 slow link",
+        "late labels are kept, never applied to another decision",
+        told.acknowledged,
+        "labels",
+        f"0 misattributed, {late} kept as late",
+    )
 
 
 @pytest.mark.parametrize("who", ["teacher", "learner", "environment"])
@@ -64,8 +69,13 @@ def test_after_every_cut_of_a_link_teaching_goes_on(rig: Rig, tell: Tell, who: s
     told = account(rig.data, session, voices)
     assert told.sound, told
     assert {voice.unacknowledged for voice in voices} == {0}
-    tell("F8", f"link between {who} and router cut: all acknowledged in the end, once", told.acknowledged,
-         f"{CUTS} cuts, 0 lost, 0 twice; longest to 3 more labels {worst_s:.1f} s")  # fmt: skip
+    tell(
+        f"F8 link of the {who} cut",
+        "all labels acknowledged in the end, once",
+        CUTS,
+        "cuts",
+        f"{told.acknowledged} labels, 0 lost, 0 twice; longest to 3 more labels {worst_s:.1f} s",
+    )
 
 
 @pytest.mark.parametrize(
@@ -89,8 +99,13 @@ def test_a_partition_of_a_teacher_heals_and_queued_labels_are_drained(
         took_s = time.monotonic() - began
     told = account(rig.data, session, voices)
     assert told.sound, told
-    tell("F8", f"teacher cut off ({way}) for {lasts_s} s: back within {bound_s:.0f} s", told.acknowledged,
-         f"0 lost, 0 twice, back after {took_s:.2f} s")  # fmt: skip
+    tell(
+        f"F8 teacher cut off for {lasts_s} s ({way})",
+        f"back within {bound_s:.0f} s",
+        told.acknowledged,
+        "labels",
+        f"0 lost, 0 twice, back after {took_s:.2f} s",
+    )
 
 
 @pytest.mark.parametrize("role", ["learner", "environment"])
@@ -111,8 +126,13 @@ def test_a_partition_of_a_service_heals_and_no_step_is_taken_twice(rig: Rig, tel
     told = account(rig.data, session, voices)
     assert told.sound, told
     assert {voice.unacknowledged for voice in voices} == {0}
-    tell("F8", f"{role} cut off for {LONG_S:.0f} s: nothing lost, no step twice", told.acknowledged,
-         f"0 lost, 0 twice, back after {took_s:.2f} s")  # fmt: skip
+    tell(
+        f"F8 {role} cut off for {LONG_S:.0f} s",
+        "nothing lost, no step twice",
+        told.acknowledged,
+        "labels",
+        f"0 lost, 0 twice, back after {took_s:.2f} s",
+    )
 
 
 @pytest.mark.parametrize("role", ["router", "environment", "learner"])
@@ -133,8 +153,13 @@ def test_a_process_that_was_held_still_goes_on_where_it_was(rig: Rig, tell: Tell
     told = account(rig.data, session, voices)
     assert told.sound, told
     assert {voice.unacknowledged for voice in voices} == {0}
-    tell("F7", f"{role} stopped for {SHORT_S} and {LONG_S:.0f} s: labels go on within 2 and 10 s",
-         told.acknowledged, f"0 lost, 0 twice, after {took[0]:.2f} and {took[1]:.2f} s")  # fmt: skip
+    tell(
+        f"F7 {role} stopped for {SHORT_S} and {LONG_S:.0f} s",
+        "labels go on within 2 and 10 s",
+        told.acknowledged,
+        "labels",
+        f"0 lost, 0 twice, after {took[0]:.2f} and {took[1]:.2f} s",
+    )
 
 
 def test_bits_turned_over_on_the_way_make_no_wrong_label(rig: Rig, tell: Tell) -> None:
@@ -150,5 +175,10 @@ def test_bits_turned_over_on_the_way_make_no_wrong_label(rig: Rig, tell: Tell) -
         wait_for("teaching goes on", more(voices, 5), 60.0)
     told = account(rig.data, session, voices)
     assert told.sound, told
-    tell("F13", "bits turned over on a link: no wrong label", link.flips,
-         f"0 wrong of {told.acknowledged} labels, {link.connections} connections made")  # fmt: skip
+    tell(
+        "F13 bits turned over on a link",
+        "no wrong label",
+        link.flips,
+        "bits",
+        f"0 wrong of {told.acknowledged} labels, {link.connections} connections made",
+    )

@@ -96,8 +96,13 @@ def test_a_wall_clock_that_jumps_by_hours_and_days_changes_no_order_and_ends_no_
     assert steady(rig, session)
     late = sum(state.value == "too_late" for voice in voices for state, _ in voice.acknowledged.values())
     assert late <= told.acknowledged // 5, "no window was ended by a jump"
-    tell("F20", "wall clock jumps by an hour and a day, both ways: same order, no spurious timeout",
-         len(JUMPS), f"{told.acknowledged} labels, 0 lost, 0 out of order, {late} late")  # fmt: skip
+    tell(
+        "F20 wall clock jumps by an hour and a day",
+        "same order, no window ended by it",
+        len(JUMPS),
+        "jumps",
+        f"{told.acknowledged} labels, 0 lost, 0 out of order, {late} late",
+    )
 
 
 def _wall_s(environment: dict[str, str]) -> float:
@@ -132,5 +137,10 @@ def test_a_learner_whose_monotonic_clock_stands_elsewhere_teaches_the_same(
     told = account(rig.data, session, voices)
     assert told.sound, told
     assert steady(rig, session)
-    tell("F20", f"a restart with a monotonic clock {offset_s} s ahead, and back: nothing lost",
-         told.acknowledged, "0 lost, 0 twice, 0 out of order")  # fmt: skip
+    tell(
+        f"F20 monotonic clock {offset_s} s ahead, and back",
+        "nothing lost, same order",
+        told.acknowledged,
+        "labels",
+        "0 lost, 0 twice, 0 out of order",
+    )

@@ -130,9 +130,15 @@ def test_honest_teachers_are_acknowledged_as_soon_during_a_tenfold_flood(rig: Ri
     # On a machine with other work a single pause of the scheduler is most of a p99: what counts is that the
     # flood adds little to what the same machine did a moment ago without it.
     assert p99(flooded) <= max(P99_MS, 3 * p99(quiet)), (p99(quiet), p99(flooded))
-    tell("F18", "honest p99 at most 50 ms in a tenfold flood, counts conserved", sent,
-         f"p99 {p99(flooded):.1f} ms of {len(flooded)} honest answers ({p99(quiet):.1f} ms before), "
-         f"{ratio:.1f}-fold, 0 lost")  # fmt: skip
+    tell(
+        "F18 tenfold flood of one teacher",
+        "honest p99 at most 50 ms, counts conserved",
+        sent,
+        "answers",
+        f"p99 {p99(flooded):.1f} ms of {len(flooded)} honest answers ({p99(quiet):.1f} ms before), "
+        f"{ratio:.1f}-fold, 0 lost",
+        holds=p99(flooded) <= P99_MS,
+    )
 
 
 def test_200_teachers_are_back_15_s_after_their_router_was_killed(rig: Rig, tell: Tell) -> None:
@@ -158,5 +164,10 @@ def test_200_teachers_are_back_15_s_after_their_router_was_killed(rig: Rig, tell
     told = account(rig.data, session, voices)
     assert told.sound, told
     assert took_s <= BACK_S
-    tell("F19", "200 teachers are back within 15 s of a router's restart", told.acknowledged,
-         f"all back and acknowledged after {took_s:.1f} s, 0 lost, 0 twice")  # fmt: skip
+    tell(
+        "F19 router killed, 200 teachers",
+        "all back within 15 s of its restart",
+        TEACHERS,
+        "teachers",
+        f"all heard after {took_s:.1f} s, {told.acknowledged} labels, 0 lost, 0 twice",
+    )

