@@ -60,6 +60,12 @@ class Attendance:
         for live in tuple(crowds):
             aggregator.loop.call_later(aggregator.config.members_gone_ms, aggregator.stay_or_leave, live)
 
+    def let_go(self, session: str, worker: str) -> None:
+        """Wait no longer for a member whose token is no longer good."""
+        live = self._aggregator.crowds.get(session)
+        if live is not None and _is_member(live, worker):
+            self._aggregator.happen(live, MemberLeft(worker))
+
     def _expect(self, places: Places) -> None:
         aggregator = self._aggregator
         aggregator.loop.call_later(aggregator.config.members_gone_ms, self._mark_gone, places)

@@ -106,6 +106,7 @@ class Aggregator:
                 live.upstream.enter(live.handed)
                 log.info("session %s: its crowd goes on, epoch %d", live.name, self.shard.epoch)
         self.attendance.expect_all()
+        self.reception.desk.let_go(self.attendance.let_go)
 
     def _declare(self) -> None:
         keys, receiver = self.keys, self.loop.receiver

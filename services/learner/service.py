@@ -81,6 +81,7 @@ class Learner:
             (live.name, name) for live in self.sessions.values() for name in live.session.teachers
         )
         self.loop.call_later(self.config.teachers_gone_ms, self._mark_gone, before)
+        self.reception.desk.let_go(self._let_go)
 
     def _declare(self) -> None:
         keys, enqueue = self.keys, self.loop.receiver
@@ -225,6 +226,13 @@ class Learner:
         # Anybody may announce anything: where tokens are required, whoever comes back joins with theirs.
         away = live.session.phase is Phase.FINISHED or self.config.require_tokens
         return not away and teacher in live.known and teacher not in live.session.teachers
+
+    def _let_go(self, session: str, teacher: str) -> None:
+        """Wait no longer for somebody whose token is no longer good."""
+        live = self.sessions.get(session)
+        if live is not None and teacher in live.session.teachers and live.session.phase is not Phase.FINISHED:
+            self.happen(live, TeacherLeft(teacher))
+            log.info("session %s: the token of teacher %s is no longer good", session, teacher)
 
     def _mark_gone(self, expected: frozenset[tuple[str, str]]) -> None:
         """Let those go whose tokens are not there."""

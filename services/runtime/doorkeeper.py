@@ -6,7 +6,7 @@ from collections.abc import Callable
 from enum import Enum
 from pathlib import Path
 
-from protocol.identity import Identity, Role, TokenError, TokenFault, sign, verify
+from protocol.identity import Identity, Role, TokenError, TokenFault, is_revoked, sign, verify
 from services.runtime.register import Register, new_token_id
 from services.runtime.secret import FOLDER, load_secrets
 
@@ -56,6 +56,7 @@ class Doorkeeper:
         self.refused: Counter[DoorFault] = Counter()
         self._wall_ns = wall_ns
         self._secrets = load_secrets(folder)
+        self._inside: dict[tuple[str, str], Identity] = {}
         self._register = Register(folder)
 
     def fault(self, session: str, teacher: str, token: str | None) -> DoorFault | None:
@@ -89,7 +90,23 @@ class Doorkeeper:
             return DoorFault.INVITATION
         if identity.session != session:
             return DoorFault.SESSION
-        return None if identity.pseudonym == teacher else DoorFault.NAME
+        if identity.pseudonym != teacher:
+            return DoorFault.NAME
+        self._inside[session, teacher] = identity
+        return None
+
+    def no_longer(self) -> list[tuple[str, str]]:
+        """Return, once each, who was let in (session, name) by a token that is no longer good."""
+        self._register.refresh()
+        now_s, revoked = self._wall_ns() / _S, self._register.revoked
+        out = [
+            place
+            for place, identity in self._inside.items()
+            if now_s >= identity.expires_s or is_revoked(identity, self._secrets, revoked)
+        ]
+        for place in out:
+            del self._inside[place]
+        return out
 
 
 def reason_of(fault: DoorFault) -> str:

@@ -5,6 +5,7 @@ Learner and aggregator have one each; what an answer means is their own.
 
 import logging
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -23,6 +24,8 @@ NOBODY = ("-", "-")
 """Session and sender where the key names none, or there are too many to count each."""
 SENDERS_MAX = 10_000
 """Senders whose unreadable messages are counted one by one: names cost an attacker nothing."""
+LET_GO_MS = 1_000
+"""How soon nobody waits any longer for whoever was sent away."""
 RefusalCode = Literal["malformed", "unknown-session", "denied", "busy", "not-durable", "conflict", "invalid"]
 
 
@@ -71,6 +74,16 @@ class FrontDesk:
         fault = self.door.fault(message.session, message.teacher, message.token)
         if fault is not None:
             raise Refused("denied", reason_of(fault))
+
+    def let_go(self, leave: Callable[[str, str], None]) -> None:
+        """Call `leave` with session and name of everybody whose token is no longer good, from now on.
+
+        Whoever was sent away and holds still would be waited for otherwise.
+        """
+        if self.door is not None:
+            for session, name in self.door.no_longer():
+                leave(session, name)
+            self._loop.call_later(LET_GO_MS, self.let_go, leave)
 
     def check_key(self, message: Join | Answer) -> bytes | None:
         """Return what keys the checks for this person; None where checks have no key."""

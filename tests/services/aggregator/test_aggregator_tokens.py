@@ -101,3 +101,14 @@ def test_a_member_whose_token_is_revoked_is_heard_no_more(guarded: GuardedCrowd)
     Register(guarded.data_dir / "gateway").revoke(ID)
     again = msgspec.structs.replace(answer, answer_id=b"another answer.."[:16])
     assert decode(ann.send(again).payload, Refusal).reason.startswith("revoked-token")
+
+
+def test_a_crowd_waits_no_longer_for_a_member_whose_token_is_revoked(guarded: GuardedCrowd) -> None:
+    ann = Member(guarded, "ann")
+    guarded.enter(ann, guarded.token("ann"))
+    crowd = guarded.aggregator.crowds["s1"].crowd
+    assert crowd is not None
+    assert set(crowd.members) == {"ann"}
+    Register(guarded.data_dir / "gateway").revoke(ID)
+    guarded.pass_time(1_000)
+    assert set(crowd.members) == set()

@@ -6,11 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from protocol.identity import Identity, Role, sign
+from protocol.codec import decode
+from protocol.identity import Identity, Role, sign, verify
+from protocol.messages import Acknowledgement
 from services.learner.config import LearnerConfig
 from services.learner.service import Learner
 from services.runtime.memory_bus import MemoryBus
-from services.runtime.register import new_token_id
+from services.runtime.register import Register, new_token_id
 from services.runtime.secret import load_secrets
 from tests.services.gateway.gateway_house import gateway
 from tests.services.learner.classroom import KEYS, Classroom, Pupil
@@ -27,11 +29,11 @@ class GuardedRoom(Classroom):
         self.learner.open()
         self.settle()
 
-    def token(self, name: str) -> str:
-        """Return a token for an hour."""
+    def token(self, name: str, hours: int = 1) -> str:
+        """Return a token for so many hours."""
         identity = Identity(
             role=Role.TEACHER, session="s1", pseudonym=name, token_id=new_token_id(),
-            expires_s=self.clock.wall_ns() // 1_000_000_000 + 3_600,
+            expires_s=self.clock.wall_ns() // 1_000_000_000 + 3_600 * hours,
         )  # fmt: skip
         return sign(identity, load_secrets(self.data_dir / "gateway"))
 
@@ -60,6 +62,26 @@ def test_whoever_is_announced_again_is_not_there_before_they_join_with_their_tok
     assert (guarded.present(), len(guarded.rows())) == ((), rows)
     ann.join(token=guarded.token("ann"))
     assert guarded.present() == ("ann",)
+
+
+@pytest.mark.parametrize("how", ["revoked", "expired"])
+def test_nobody_waits_for_a_teacher_whose_token_is_no_longer_good(guarded: GuardedRoom, how: str) -> None:
+    ann, bea = Pupil(guarded, "ann"), Pupil(guarded, "bea")
+    token = guarded.token("bea")
+    ann.join(token=guarded.token("ann", hours=2))
+    bea.join(token=token)
+    opened = guarded.decision.decision
+    answer = ann.message(guarded.decision, action="UP", token=guarded.token("ann", hours=2))
+    assert decode(ann.send(answer).payload, Acknowledgement).code == "accepted"
+    assert (guarded.decision.decision, guarded.present()) == (opened, ("ann", "bea"))
+    if how == "revoked":
+        secrets = load_secrets(guarded.data_dir / "gateway")
+        Register(guarded.data_dir / "gateway").revoke(verify(token, secrets, 0, ()).token_id)
+        guarded.pass_time(1_000)
+    else:
+        guarded.clock.advance(3_600 * 1_000_000_000)
+        guarded.settle()
+    assert (guarded.decision.decision, guarded.present()) == (opened + 1, ("ann",))
 
 
 def test_everybody_at_the_page_joins_again_when_the_router_came_back(tmp_path: Path) -> None:
