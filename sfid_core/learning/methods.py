@@ -7,6 +7,7 @@ from sfid_core.learning.advise import ADVISE, ADVISE_LABELS
 from sfid_core.learning.clone import CLONE
 from sfid_core.learning.coach import COACH
 from sfid_core.learning.dagger import DAGGER
+from sfid_core.learning.dpba import DPBA
 from sfid_core.learning.guidance import GUIDANCE
 from sfid_core.learning.guide import GUIDE
 from sfid_core.learning.isabl import ISABL
@@ -30,6 +31,7 @@ _METHODS = (
     Q_LEARNING,
     POTENTIAL,
     PIES,
+    DPBA,
     GUIDANCE,
     TAMER,
     TAMER_RL,
