@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from sfid_core.chance import below
 from sfid_core.compiled import kernel
 from sfid_core.experiments.lane_world import SOLVED, LaneWorld
+from sfid_core.learning.choices import one_of
 from sfid_core.learning.kernels import Memory, prefer
 
 
@@ -34,21 +34,12 @@ def greedy_share(
 def most_preferred(m: Memory, p: tuple[float, ...], state: int, key: int, counter: int) -> int:
     """Return an action that the policy prefers most, ties at random."""
     largest = prefer(m, p, state, 0)
-    chosen = 0
-    ties = 1
+    tied = 1
     for action in range(1, m.actions):
         value = prefer(m, p, state, action)
         if value > largest:
             largest = value
-            chosen = action
-            ties = 1
+            tied = 1 << action
         elif value == largest:
-            ties += 1
-    if ties > 1:
-        place = below(key, counter, ties)
-        for action in range(m.actions):
-            if prefer(m, p, state, action) == largest:
-                if place == 0:
-                    return action
-                place -= 1
-    return chosen
+            tied |= 1 << action
+    return one_of(tied, key, counter, m.actions)

@@ -38,21 +38,51 @@ def most_blended(
     at = state * m.width + block * m.actions
     beside = state * m.width + other * m.actions
     largest = m.values[at] + weight * m.values[beside]
-    chosen = 0
-    ties = 1
+    tied = 1
     for action in range(1, m.actions):
         value = m.values[at + action] + weight * m.values[beside + action]
         if value > largest:
             largest = value
-            chosen = action
-            ties = 1
+            tied = 1 << action
         elif value == largest:
-            ties += 1
-    if ties == 1:
-        return chosen
-    place = below(draws.ties, decision, ties)
+            tied |= 1 << action
+    return one_of(tied, draws.ties, decision, m.actions)
+
+
+@kernel
+def best_among(m: Memory, key: int, state: int, among: int, decision: int) -> int:
+    """Return an action with the largest value of the first block whose bit is set, ties drawn from `key`.
+
+    Args: among: at least one bit of an action is set.
+    """
+    at = state * m.width
+    largest = 0.0
+    tied = 0
     for action in range(m.actions):
-        if m.values[at + action] + weight * m.values[beside + action] == largest:
+        if (among >> action) & 1:
+            value = m.values[at + action]
+            if tied == 0 or value > largest:
+                largest = value
+                tied = 1 << action
+            elif value == largest:
+                tied |= 1 << action
+    return one_of(tied, key, decision, m.actions)
+
+
+@kernel
+def one_of(tied: int, key: int, counter: int, actions: int) -> int:
+    """Return one of the actions whose bit is set, drawn evenly from `key` where there are several."""
+    count = 0
+    chosen = 0
+    for action in range(actions):
+        if (tied >> action) & 1:
+            count += 1
+            chosen = action
+    if count < 2:
+        return chosen
+    place = below(key, counter, count)
+    for action in range(actions):
+        if (tied >> action) & 1:
             if place == 0:
                 return action
             place -= 1

@@ -3,7 +3,8 @@
 from typing import Annotated, NamedTuple
 
 from sfid_core.compiled import kernel
-from sfid_core.learning.kernels import Draws, Evidence, Learned, Memory, Transition, best_among, one_step
+from sfid_core.learning.choices import best_among
+from sfid_core.learning.kernels import Draws, Evidence, Learned, Memory, Transition, one_step
 from sfid_core.learning.method import Method
 from sfid_core.learning.parameters import ALPHA, GAMMA, Choice
 from sfid_core.teaching.answers import AnswerKind

@@ -147,12 +147,19 @@ def test_sessions_and_seeds_have_choices_of_their_own() -> None:
         ("gamma", -0.1),
         ("gamma", 1.0),
         ("gamma", float("inf")),
-        ("gamma", "much"),
     ],
 )
-def test_a_parameter_outside_its_range_is_refused_in_one_line(name: str, value: float | str) -> None:
+def test_a_parameter_outside_its_range_is_refused_in_one_line(name: str, value: float) -> None:
     with pytest.raises(ParameterError, match=rf"^{name} [^\n]+ is outside [^\n]+ default is [^\n]+$"):
         method_parameters("sfid", {name: value})
+
+
+def test_a_parameter_that_is_a_word_is_refused_as_no_number() -> None:
+    with pytest.raises(ParameterError) as caught:
+        method_parameters("sfid", {"alpha": "x"})
+    assert str(caught.value) == (
+        "alpha 'x' is no number: give one in (0, 1]; the default is 0.1 (Raza, Johnston & Williams 2016)"
+    )
 
 
 def test_an_unknown_parameter_or_word_is_refused_with_what_there_is() -> None:
