@@ -10,8 +10,8 @@ import pytest
 from protocol.journal import Folded, Record, fold
 from services.gym.digest import state_key
 from services.gym.world import GymGround
-from services.runtime.journal import read_rows
-from tests.services.cli.command_line import sfid
+from services.runtime.journal import JournalError, read_rows
+from tests.services.cli.command_line import kill, processes, running, sfid, wait_for
 from tests.services.gym.lakes import ICE
 
 pytestmark = pytest.mark.real
@@ -86,3 +86,32 @@ def test_a_mistake_in_the_flags_is_one_line_with_the_mend(flags: tuple[str, ...]
     assert (done.code, done.stdout) == (2, "")
     assert reason in done.stderr.splitlines()[-1]
     assert done.stderr.startswith("sfid: ")
+
+
+def rows_of(data: Path) -> int:
+    """How many rows of a living journal are durable, 0 before there is one."""
+    try:
+        return sum(1 for _ in read_rows(data))
+    except JournalError:
+        return 0
+
+
+def test_an_environment_killed_on_the_ice_is_restored_with_its_chance_from_seed_and_actions(
+    tmp_path: Path,
+) -> None:
+    ice = (*RUN, "--gym", "FrozenLake-v1", "--episodes", "6")
+    undisturbed = json.loads(sfid(*ice, "--data", str(tmp_path / "calm")).stdout)
+    data = tmp_path / "killed"
+    with running(*ice, "--pace-ms", "5", "--data", str(data)) as demo:
+        for rows in (10, 30):
+            _kill_after(data, rows)
+        told = json.loads(demo.communicate(timeout=60)[0])
+    assert told["q_sha256"] == undisturbed["q_sha256"]
+    assert [row["steps"] for row in told["episodes"]] == [row["steps"] for row in undisturbed["episodes"]]
+
+
+def _kill_after(data: Path, rows: int) -> None:
+    wait_for("some answers", lambda: rows_of(data) > rows, 60.0)
+    before = processes(data)["environment"]
+    kill(before)
+    wait_for("another environment", lambda: processes(data)["environment"] != before)
