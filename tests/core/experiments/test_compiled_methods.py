@@ -37,6 +37,7 @@ VARIANTS: dict[str, list[dict[str, Value]]] = {
         {"technique": "control-sharing", "alone": "in-control", "anneal": 0.8},
         {"technique": "q-augmentation"},
         {"technique": "reward-shaping"},
+        {"influence": "eligibility"},
     ],
 }
 

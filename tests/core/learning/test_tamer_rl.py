@@ -114,3 +114,38 @@ def test_q_augmentation_looks_ahead_to_the_weighed_model_of_every_action(praised
     )
     pupil.do(S1, praised, 0.0, rewards(1.0))
     assert pupil.do(S0, UP, 0.0, (), S1) == Learned(0.0, 0.25, 0.0)
+
+
+def test_eligibility_lets_the_model_count_where_answers_are_recent() -> None:
+    """c = 0.4, decay 1/2 a step; H(s0, UP) = 1/2 after one praise, B = 2.
+
+    e(s0, UP) = 0.4, then 0.2 after a silent step elsewhere: Q + B e H = 0.2 * 2 * 0.5 = 0.2. A second praise:
+    e = 0.1 + 0.4 = 0.5, H = 0.75: 0.75. It falls by steps, not by episodes.
+    """
+    pupil = Pupil(
+        "tamer-rl", influence="eligibility", eligibility_gain=0.4, eligibility_decay=0.5, weight=2.0,
+        anneal=0.1, model_alpha=0.5, explore=0.0,
+    )  # fmt: skip
+    pupil.do(S0, UP, 0.0, rewards(1.0), S1)
+    assert pupil.rounded(S0) == [0, 0, 0.4, 0]
+    pupil.do(S1, LEFT, 0.0, (), S0)
+    pupil.begin(1)
+    assert pupil.rounded(S0) == [0, 0, 0.2, 0]
+    pupil.do(S0, UP, 0.0, rewards(1.0), S1)
+    assert pupil.rounded(S0) == [0, 0, 0.75, 0]
+    assert {pupil.choose(S0, decision) for decision in range(50)} == {UP}
+    for _ in range(4):
+        pupil.do(S0, UP, 0.0, rewards(1.0), S1)
+    assert pupil.values(S0)[UP] <= 2.0
+
+
+def test_eligibility_shares_control_by_the_state_s_largest_weight() -> None:
+    """B = 1, e(s0, UP) = 0.2: the model is in control of s0 with 0.2, UP then; else any action, 0.2 each."""
+    pupil = Pupil(
+        "tamer-rl", technique="control-sharing", influence="eligibility", eligibility_gain=0.2,
+        weight=1.0, explore=0.0,
+    )  # fmt: skip
+    pupil.do(S0, UP, 0.0, rewards(1.0), S1)
+    assert pupil.rounded(S0) == pytest.approx([0.2, 0.2, 0.4, 0.2])
+    chosen = [pupil.choose(S0, decision) for decision in range(4000)]
+    assert chosen.count(UP) == pytest.approx(1600, abs=120)
