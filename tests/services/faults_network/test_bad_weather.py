@@ -18,6 +18,8 @@ ANSWERS_SLOW = 12
 FLIPS = 4
 IN_FLIGHT = 4
 """Acknowledgements that may still be on their way when a fault begins."""
+GOES_ON = IN_FLIGHT + 1
+"""So many more prove that teaching goes on."""
 SHORT_S, LONG_S = 0.6, 4.0
 """Under and over the lease of 2.5 s after which a silent process counts as gone."""
 BACK_SHORT_S, BACK_LONG_S = 2.0, 10.0
@@ -34,7 +36,7 @@ def test_late_labels_on_a_slow_link_are_kept_and_never_count_for_another_decisio
     session = "slow"
     rig.create(session, WindowSpec(mode="early", span_ms=300), teachers_min=1)
     with Proxy(rig.router_port, 5) as link:
-        link.weather.delay_ms, link.weather.jitter_ms = 50.0, 350.0
+        link.weather.delay_ms, link.weather.jitter_ms = 50.0, 200.0
         with rig.teaching(session, 2, link.endpoint) as voices:
             wait_for("slow labels are acknowledged", more(voices, ANSWERS_SLOW), 120.0)
             link.weather.delay_ms = link.weather.jitter_ms = 0.0
@@ -63,7 +65,7 @@ def test_after_every_cut_of_a_link_teaching_goes_on(rig: Rig, tell: Tell, who: s
             for _ in range(CUTS):
                 link.cut()
                 began = time.monotonic()
-                wait_for("teaching goes on", more(voices, 3), 30.0)
+                wait_for("teaching goes on", more(voices, GOES_ON), 30.0)
                 worst_s = max(worst_s, time.monotonic() - began)
         assert link.cuts - cut_before >= CUTS
     told = account(rig.data, session, voices)
@@ -74,7 +76,7 @@ def test_after_every_cut_of_a_link_teaching_goes_on(rig: Rig, tell: Tell, who: s
         "all labels acknowledged in the end, once",
         CUTS,
         "cuts",
-        f"{told.acknowledged} labels, 0 lost, 0 twice; longest to 3 more labels {worst_s:.1f} s",
+        f"{told.acknowledged} labels, 0 lost, 0 twice; longest to 5 more labels {worst_s:.1f} s",
     )
 
 
@@ -95,7 +97,7 @@ def test_a_partition_of_a_teacher_heals_and_queued_labels_are_drained(
         link.weather.open_up = link.weather.open_down = True
         began = time.monotonic()
         bound_s = BACK_SHORT_S if lasts_s < 2 else BACK_LONG_S
-        wait_for("teaching goes on", more(voices, 3), bound_s)
+        wait_for("teaching goes on", more(voices, GOES_ON), bound_s)
         took_s = time.monotonic() - began
     told = account(rig.data, session, voices)
     assert told.sound, told
@@ -121,7 +123,7 @@ def test_a_partition_of_a_service_heals_and_no_step_is_taken_twice(rig: Rig, tel
         assert acknowledged(voices) - before <= IN_FLIGHT
         link.weather.open_up = link.weather.open_down = True
         began = time.monotonic()
-        wait_for("teaching goes on", more(voices, 3), BACK_LONG_S)
+        wait_for("teaching goes on", more(voices, GOES_ON), BACK_LONG_S)
         took_s = time.monotonic() - began
     told = account(rig.data, session, voices)
     assert told.sound, told
@@ -148,7 +150,7 @@ def test_a_process_that_was_held_still_goes_on_where_it_was(rig: Rig, tell: Tell
                 pause(lasts_s)
                 assert acknowledged(voices) - before <= IN_FLIGHT
             began = time.monotonic()
-            wait_for("it goes on", more(voices, 3), bound_s)
+            wait_for("it goes on", more(voices, GOES_ON), bound_s)
             took.append(time.monotonic() - began)
     told = account(rig.data, session, voices)
     assert told.sound, told
