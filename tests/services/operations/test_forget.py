@@ -3,8 +3,6 @@
 import json
 import shutil
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -23,6 +21,7 @@ from sfid_core.teaching.simulated import SimulatedTeacher
 from tests.services.aggregator.crowd_room import CrowdRoom
 from tests.services.cli.command_line import sfid
 from tests.services.learner.classroom import Classroom, Pupil, session
+from tests.services.operations.mortal import code_when_killed_at
 
 PERSON, OTHER = "zelda-quux", "annabel-roe"
 
@@ -130,24 +129,9 @@ def test_a_running_learner_is_not_pulled_from_under_its_feet(tmp_path: Path) -> 
     assert (done.code, done.stderr.count("\n")) == (2, 1)
 
 
-KILLED = """
-import os, signal, sys
-from pathlib import Path
-from services.operations.forget import forget
-from services.runtime.clock import SystemClock
-
-left = int(sys.argv[2])
-
-def hook(event, arguments):
-    global left
-    if event in {"open", "os.rename", "os.remove", "os.truncate", "sqlite3.connect"}:
-        left -= 1
-        if left == 0:
-            os.kill(os.getpid(), signal.SIGKILL)
-
-sys.addaudithook(hook)
-forget(Path(sys.argv[1]), "zelda-quux", SystemClock())
-"""
+def forget_person(data: Path) -> None:
+    """Forget PERSON; also run by processes that are killed on the way."""
+    forget(data, PERSON, SystemClock())
 
 
 def test_killed_at_any_moment_it_is_completed_or_undone_at_the_next_opening(tmp_path: Path) -> None:
@@ -162,10 +146,7 @@ def test_killed_at_any_moment_it_is_completed_or_undone_at_the_next_opening(tmp_
     for moment in range(1, 200):
         copy = tmp_path / f"copy-{moment}"
         shutil.copytree(data, copy)
-        ended = subprocess.run(
-            [sys.executable, "-c", KILLED, str(copy), str(moment)], check=False, timeout=60
-        )
-        ended_code = ended.returncode
+        ended_code = code_when_killed_at(moment, forget_person, copy)
         assert ended_code in {0, -signal.SIGKILL}
         with Shard.open(copy):
             pass

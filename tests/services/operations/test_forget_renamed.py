@@ -2,35 +2,14 @@
 
 import shutil
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 from services.runtime.journal import Row, Shard, read_rows, verify
+from tests.services.operations.mortal import code_when_killed_at
 from tests.services.operations.test_forget import holding
 
 PERSON = "zelda-quux"
 LESSON = f"maze-{PERSON}-0"
-
-KILLED = """
-import os, signal, sys
-from pathlib import Path
-from services.runtime.journal import Shard
-
-left = int(sys.argv[2])
-
-def hook(event, arguments):
-    global left
-    if event in {"open", "os.rename", "os.remove", "os.truncate", "sqlite3.connect"}:
-        left -= 1
-        if left == 0:
-            os.kill(os.getpid(), signal.SIGKILL)
-
-sys.addaudithook(hook)
-with Shard.open(Path(sys.argv[1])) as shard:
-    gone = {row.seq: None for row in shard.rows(sys.argv[3])}
-    shard.erase({sys.argv[3]: gone}, at_ns=9, renamed={sys.argv[3]: "erased-1"})
-"""
 
 
 def journal(data: Path) -> list[Row]:
@@ -46,6 +25,13 @@ def journal(data: Path) -> list[Row]:
     return list(read_rows(data, "s2"))
 
 
+def erase_lesson(data: Path) -> None:
+    """Erase LESSON; also run by processes that are killed on the way."""
+    with Shard.open(data) as shard:
+        gone = {row.seq: None for row in shard.rows(LESSON)}
+        shard.erase({LESSON: gone}, at_ns=9, renamed={LESSON: "erased-1"})
+
+
 def test_a_lesson_loses_name_and_content_at_once_or_not_at_all(tmp_path: Path) -> None:
     data = tmp_path / "data"
     others = journal(data)
@@ -54,8 +40,7 @@ def test_a_lesson_loses_name_and_content_at_once_or_not_at_all(tmp_path: Path) -
         moment += 1
         copy = tmp_path / "copy"
         shutil.copytree(data, copy)
-        command = [sys.executable, "-c", KILLED, str(copy), str(moment), LESSON]
-        code = subprocess.run(command, check=False, timeout=60).returncode
+        code = code_when_killed_at(moment, erase_lesson, copy)
         assert code in {0, -signal.SIGKILL}
         Shard.open(copy).close()
         left = [row for row in read_rows(copy) if row.session != "s2"]
