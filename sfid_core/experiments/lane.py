@@ -31,7 +31,7 @@ from sfid_core.learning.kernels import (
     keep_step,
     nothing,
 )
-from sfid_core.teaching.kernels import preference_key, preferred_of
+from sfid_core.teaching.kernels import TeacherParameters, preference_key, preferred_of
 
 WIDTH = N_ACTIONS + 1
 """Stands in for the numbers that a method keeps of a state; a constant too."""
@@ -184,54 +184,83 @@ def run_episode(  # noqa: PLR0913, PLR0917 - as run_lanes
     Args: keys: of the teachers; start: the state it starts in; decision: the number of its first.
     """
     state, first = start, decision
-    learnt = inputs = agreements = preferred = outcome = 0
+    learnt = inputs = agreements = as_named = outcome = 0
     errors = errors_shaped = total = total_environment = 0.0
     discount = 1.0
     while outcome == 0:
         step = decision - first
-        favourite = preference_key(teachers[0].parameters, keys[0], decision)
-        named = preferred_of(favourite, world.word[state], world.optimal[state], m.actions)
+        named = preferred(world, m.actions, teachers[0].parameters, keys[0], state, decision)
         chosen = choose(m, p, draws, state, decision)
         before, heard = said_before(world, teachers, keys, scratch, state, decision)
         action = settle(m, p, draws, state, chosen, before, decision)
-        next_state = world.successor[state * m.actions + action]
-        reward = world.reward[state * m.actions + action]
-        outcome = world.outcome[next_state]
-        evidence, judged = said_after(world, teachers, keys, scratch, state, action, step, before, decision)
-        here, there = world.distance[state], world.distance[next_state]
-        transition = Transition(state, action, reward, next_state, outcome > 0, step, here, there, 0.0)
-        learned = learn(m, p, transition, evidence)
+        t = transition(world, m.actions, state, action, step)
+        outcome = world.outcome[t.next_state]
+        after, judged = said_after(world, teachers, keys, scratch, state, action, step, before, decision)
+        learned = learn(m, p, t, after)
         errors += abs(learned.environment)
         errors_shaped += abs(learned.shaped)
-        total += discount * (reward + learned.h)
-        total_environment += discount * reward
+        total += discount * (t.reward + learned.h)
+        total_environment += discount * t.reward
         inputs += heard + judged
         agreements += learned.h > 0.0
-        preferred += action == named
+        as_named += action == named
         learnt += 1
         discount *= gamma
         decision += 1
         if outcome == 0 and step + 1 >= world.steps_max:
             outcome = CAP
-        elif outcome == 0 and undo(p, evidence) == 1:
+        elif outcome == 0 and undo(p, after) == 1:
             # A step that was taken back is a second decision, without an answer and without learning.
             discount *= gamma
             decision += 1
-            if step + 2 >= world.steps_max:
-                outcome = CAP
+            outcome = CAP if decision - first >= world.steps_max else 0
         else:
-            state = next_state
-    out[at] = decision - first
-    out[at + 1] = errors / learnt
-    out[at + 2] = errors_shaped / learnt
-    out[at + 3] = total
-    out[at + 4] = total_environment
-    out[at + 5] = inputs
-    out[at + 6] = agreements
-    out[at + 7] = outcome
-    out[at + 8] = world.distance[start]
-    out[at + 9] = preferred / learnt
+            state = t.next_state
+    sums = (errors, errors_shaped, total, total_environment, inputs, agreements, as_named)
+    write_measures(out, at, decision - first, learnt, sums, outcome, world.distance[start])
     return decision
+
+
+@kernel
+def preferred(
+    world: LaneWorld, actions: int, teacher: TeacherParameters, key: int, state: int, decision: int
+) -> int:
+    """Return what a teacher would name without fault."""
+    favourite = preference_key(teacher, key, decision)
+    return preferred_of(favourite, world.word[state], world.optimal[state], actions)
+
+
+@kernel
+def transition(world: LaneWorld, actions: int, state: int, action: int, step: int) -> Transition:
+    """Return what comes of an action."""
+    place = state * actions + action
+    after = world.successor[place]
+    ended = world.outcome[after] > 0
+    here, there = world.distance[state], world.distance[after]
+    return Transition(state, action, world.reward[place], after, ended, step, here, there, 0.0)
+
+
+@kernel
+def write_measures(
+    out: MutableSequence[float],
+    at: int,
+    steps: int,
+    learnt: int,
+    sums: tuple[float, float, float, float, int, int, int],
+    outcome: int,
+    optimal_steps: int,
+) -> None:
+    """Write a row of `lane_world.MEASURES` to `out` from `at` on; `learnt` is the number of steps kept."""
+    out[at] = steps
+    out[at + 1] = sums[0] / learnt
+    out[at + 2] = sums[1] / learnt
+    out[at + 3] = sums[2]
+    out[at + 4] = sums[3]
+    out[at + 5] = sums[4]
+    out[at + 6] = sums[5]
+    out[at + 7] = outcome
+    out[at + 8] = optimal_steps
+    out[at + 9] = sums[6] / learnt
 
 
 @kernel

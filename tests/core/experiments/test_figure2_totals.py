@@ -8,7 +8,7 @@ from sfid_core.experiments.lane_world import COLUMNS, MEASURES
 
 def test_what_a_seed_cost_is_counted_over_all_its_episodes() -> None:
     results = np.zeros((2, 4, COLUMNS))
-    columns = {
+    columns: dict[str, list[list[float]]] = {
         "steps": [[10, 8, 6, 5], [4, 4, 4, 4]],
         "abs_td_error": [[0.5, 0.25, 0.5, 0.0], [1.0, 1.0, 1.0, 1.0]],
         "inputs": [[8, 8, 3, 5], [0, 0, 0, 0]],
