@@ -91,7 +91,13 @@ def ask(bus: Bus, keys: Keys, role: str, name: str, timeout_ms: int = ASK_TIMEOU
     """Ask one service how it does; nothing and an error both mean: not ready."""
     replies: queue.SimpleQueue[Reply | None] = queue.SimpleQueue()
     bus.ask(keys.status(role, name), b"", replies.put, timeout_ms)
-    reply = replies.get()
+    return understood(keys, role, name, replies.get(), timeout_ms)
+
+
+def understood(
+    keys: Keys, role: str, name: str, reply: Reply | None, timeout_ms: int = ASK_TIMEOUT_MS
+) -> Found:
+    """Return what a reply to the question of how a service does says about it."""
     if reply is None:
         fault = f"no answer within {timeout_ms / 1000:g} s: it is not there, or its loop hangs"
         return Found(keys.deployment, role, name, None, fault)

@@ -11,12 +11,15 @@ from typing import Any
 import pytest
 
 from protocol.keys import KeyNameError, Keys
-from services.operations.status import Board, ask, survey
+from services.operations.status import Board, ask, survey, understood
 from services.router import free_endpoint
+from services.runtime.bus import Reply
 from services.runtime.clock import ManualClock
+from services.runtime.journal import JournalFull, Shard
 from services.runtime.memory_bus import MemoryBus, MemoryHub
 from services.runtime.status import CommitMeter, StatusDesk
 from tests.services.cli.command_line import processes, running, sfid, wait_for
+from tests.services.learner.classroom import Classroom, session
 
 KEYS = Keys()
 MS = 1_000_000
@@ -69,6 +72,25 @@ def test_who_serves_is_known_by_tokens_and_who_is_expected_and_missing_is_named(
 def test_a_key_that_names_no_service_is_refused() -> None:
     with pytest.raises(KeyNameError, match="names no service"):
         KEYS.role_and_name(KEYS.decision("s1"))
+
+
+class FullShard(Shard):
+    """A shard whose disk is full."""
+
+    def commit(self) -> None:
+        raise JournalFull("the disk is full: free some")
+
+
+def test_a_learner_that_cannot_write_its_journal_is_there_and_not_ready(tmp_path: Path) -> None:
+    room = Classroom(tmp_path / "data", open_shard=FullShard.open)
+    assert room.refused(KEYS.learner("create"), session()).code == "not-durable"
+    replies: list[Reply | None] = []
+    MemoryBus(room.hub).ask(KEYS.status("learner", "shard-0"), b"", replies.append, 1_000)
+    room.settle()
+    found = understood(KEYS, "learner", "shard-0", replies.pop())
+    assert (found.ready, found.status) == (False, None)
+    assert found.fault == "the journal cannot be written: send it again"
+    room.shard.discard_pending()
 
 
 @pytest.fixture
