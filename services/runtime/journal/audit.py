@@ -17,7 +17,7 @@ from typing import cast
 
 from protocol.framing import Frame, is_torn_tail
 from services.runtime.journal.chain import BrokenChainError, Prover, Record, decode_group, genesis
-from services.runtime.journal.errors import JournalError, JournalNewer
+from services.runtime.journal.errors import SQLITE_ERRORS, JournalError, JournalNewer
 from services.runtime.journal.mirror import TITLE_FRAME_BYTES, MirrorReader
 from services.runtime.journal.store import (
     OLDER_HEAD,
@@ -112,7 +112,7 @@ def audit(directory: Path, *, live: bool) -> Audit:
         raise
     except JournalError as error:
         found.problems.append(str(error))
-    except sqlite3.Error as error:
+    except SQLITE_ERRORS as error:
         found.problems.append(
             f"{directory / SQLITE_NAME}: {error}; opening the shard repairs it from the mirror"
         )
@@ -124,7 +124,7 @@ class _Structure:
 
     def __init__(self, directory: Path, db: sqlite3.Connection, *, live: bool) -> None:
         self._directory, self._db, self._live = directory, db, live
-        self._found: list[str] | sqlite3.Error | JournalError = []
+        self._found: list[str] | sqlite3.Error | UnicodeDecodeError | JournalError = []
         self._thread: threading.Thread | None = None
         if (directory / SQLITE_NAME).stat().st_size > THREAD_BYTES:
             self._thread = threading.Thread(target=self._check, name="journal-structure")
@@ -143,7 +143,7 @@ class _Structure:
         try:
             with closing(open_read_only(self._directory, live=self._live)) as db:
                 self._found = structure_problems(db)
-        except (sqlite3.Error, JournalError) as error:
+        except (*SQLITE_ERRORS, JournalError) as error:
             self._found = error
 
 

@@ -48,24 +48,28 @@ class JournalDamaged(JournalError):  # noqa: N818 - as above
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 
+SQLITE_ERRORS = (sqlite3.Error, UnicodeDecodeError)
+"""What a damaged file makes the sqlite3 module raise: it also fails at messages that quote damaged names."""
+
+
 @contextmanager
 def translated(where: Path) -> Iterator[None]:
     """Turn errors of the file system and of SQLite about `where` into `JournalFull` or `JournalError`."""
     try:
         yield
-    except (OSError, sqlite3.Error) as error:
+    except (OSError, *SQLITE_ERRORS) as error:
         raise journal_error(where, error) from error
 
 
-def journal_error(where: Path, error: OSError | sqlite3.Error) -> JournalError:
+def journal_error(where: Path, error: OSError | sqlite3.Error | UnicodeDecodeError) -> JournalError:
     """Return the error to raise for what went wrong at `where`."""
-    if isinstance(error, sqlite3.Error):
+    if isinstance(error, SQLITE_ERRORS):
         # The low byte is the primary result code; the rest says which system call failed.
         is_full = getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_FULL
     else:
         is_full = error.errno in _FULL
     if is_full:
         return JournalFull(f"{where}: no space left; free some, the journal then goes on by itself")
-    if isinstance(error, sqlite3.Error):
+    if isinstance(error, SQLITE_ERRORS):
         return JournalError(f"{where}: {error}; check the disk, then run `sfid verify`")
     return JournalError(f"{where}: {error.strerror or error}; check the path and the disk")

@@ -16,7 +16,7 @@ from pathlib import Path
 from protocol.framing import whole_frames_within
 from services.runtime.journal.audit import structure_problems
 from services.runtime.journal.chain import HASH_BYTES, BrokenChainError, Record, decode_group, genesis, proven
-from services.runtime.journal.errors import JournalDamaged, JournalError, translated
+from services.runtime.journal.errors import SQLITE_ERRORS, JournalDamaged, JournalError, translated
 from services.runtime.journal.mirror import (
     MIRROR_NAME,
     SHARD_ID_BYTES,
@@ -186,7 +186,7 @@ def _read_store(directory: Path, mirrored: int) -> _Source:
                 found.shard_id = head.shard_id
             found.records = {record.seq: record for record in _readable(db, directory, mirrored)}
             found.intact = not structure_problems(db)
-    except (JournalError, sqlite3.Error, TypeError):
+    except (JournalError, *SQLITE_ERRORS, TypeError):
         # Whatever was read so far is kept; the file is rebuilt.
         found.intact = False
     return found
@@ -208,7 +208,7 @@ def _readable(db: sqlite3.Connection, directory: Path, mirrored: int) -> Iterato
         through = min(after + BATCH_ROWS, last)
         try:
             yield from list(read_records(db, None, after, through))
-        except sqlite3.Error:
+        except SQLITE_ERRORS:
             yield from _one_by_one(db, after, through)
         after = through
 
@@ -217,7 +217,7 @@ def _one_by_one(db: sqlite3.Connection, after: int, through: int) -> Iterator[Re
     for seq in range(after + 1, through + 1):
         try:
             yield from list(read_records(db, None, seq - 1, seq))
-        except sqlite3.Error:
+        except SQLITE_ERRORS:
             # This row stands on the damaged page; the mirror has it.
             continue
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from services.runtime.journal.amend import AMENDED_KIND
 from services.runtime.journal.chain import Record, genesis
 from services.runtime.journal.errors import (
+    SQLITE_ERRORS,
     JournalError,
     JournalFenced,
     JournalFull,
@@ -139,7 +140,7 @@ class Store:
         # Asked for every answer, so without the cost of a context manager.
         try:
             found = self._db.execute(_FIND, (session, unique)).fetchone()
-        except sqlite3.Error as error:
+        except SQLITE_ERRORS as error:
             raise journal_error(self.path, error) from error
         return None if found is None else Record._make(found)
 
@@ -278,8 +279,8 @@ def upgrade(directory: Path) -> bool:
                 db.execute(_FIRST_HEAD, head)
             db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
             db.execute("COMMIT")
-    except (sqlite3.Error, JournalError) as error:
-        failure = journal_error(path, error) if isinstance(error, sqlite3.Error) else error
+    except (*SQLITE_ERRORS, JournalError) as error:
+        failure = error if isinstance(error, JournalError) else journal_error(path, error)
         if isinstance(failure, (JournalFull, JournalNewer)):
             raise failure from error
         return False

@@ -409,3 +409,19 @@ def test_an_erased_row_cannot_be_given_another_body(closed_journal: Path) -> Non
     (closed_journal / "shard-0" / "journal.mirror").unlink()
     with pytest.raises(JournalError, match="row 9 of 48"):
         Shard.open(closed_journal)
+
+
+def test_names_in_the_schema_that_are_no_text_any_more_are_found_and_undone(
+    closed_journal: Path, tmp_path: Path, rows: list[Row]
+) -> None:
+    """SQLite quotes a damaged name in its message, which the sqlite3 module then fails to decode."""
+    content = (closed_journal / "shard-0" / "journal.sqlite").read_bytes()
+    begin, end = content.index(b"CREATE"), content.rindex(b"STRICT", 0, 4096)
+    for at in range(begin, end, 7):
+        shard = copied(closed_journal, tmp_path / "flipped")
+        damaged = bytearray(content)
+        damaged[at] ^= 0x80
+        (shard / "journal.sqlite").write_bytes(damaged)
+        assert not verify(shard.parent).ok
+        assert reopened(shard.parent) == rows
+        assert verify(shard.parent).problems == ()
