@@ -25,13 +25,13 @@ class Damage(NamedTuple):
     unnoticed: int
     """Rows were lost or changed and nobody was told."""
     lost: int
-    """Journals of which an opening returned fewer rows, or others, than were acknowledged."""
+    """Journals of which an opening returned other rows than were acknowledged, or which could not go on."""
     refused: int
     """Openings refused because a newer version seems to have written the file: every byte is kept."""
 
 
-def write_journal(to: Path) -> list[Row]:
-    """Write the journal that a power cut leaves: half of its rows are in the WAL alone; return its rows."""
+def write_journal(to: Path, *, closed: bool) -> list[Row]:
+    """Write the journal that a stop leaves, or a power cut: half of it in the WAL; return its rows."""
     live = to.with_name(f"{to.name}-live")
     chance = random.Random(7)
     rows: list[Row] = []
@@ -43,8 +43,10 @@ def write_journal(to: Path) -> list[Row]:
                 if number % ROWS_A_COMMIT == ROWS_A_COMMIT - 1:
                     shard.commit()
             rows = list(shard.rows())
-            if half:
+            if half and not closed:
                 shutil.copytree(live, to, ignore=shutil.ignore_patterns("*-shm"))
+    if closed:
+        shutil.copytree(live, to)
     shutil.rmtree(live)
     return rows
 
@@ -78,7 +80,8 @@ class _Copy:
 
     def __init__(self, root: Path, rows: list[Row], source: Path) -> None:
         self.rows, self.source = rows, source
-        self.contents = {name: (source / "shard-0" / name).read_bytes() for name in FILES}
+        files = [source / "shard-0" / name for name in FILES]
+        self.contents = {file.name: file.read_bytes() for file in files if file.exists()}
         self.directory = root / "copy"
 
     def with_damage(self, name: str, content: bytearray) -> Path:
@@ -92,11 +95,14 @@ class _Copy:
 def _damage(
     times: int, chance: random.Random, root: Path, change: Callable[[bytearray, random.Random], bytearray]
 ) -> Damage:
-    rows = write_journal(root / "sound")
-    copy = _Copy(root, rows, root / "sound")
+    copies = []
+    for name in ("cut", "closed"):
+        rows = write_journal(root / name, closed=name == "closed")
+        copies.append(_Copy(root, rows, root / name))
     found = dict.fromkeys(Damage._fields, 0) | {"damaged": times}
     for number in range(times):
-        name = FILES[number % len(FILES)]
+        copy = copies[number % 2]
+        rows, name = copy.rows, list(copy.contents)[number // 2 % len(copy.contents)]
         data_dir = copy.with_damage(name, change(bytearray(copy.contents[name]), chance))
         found[_noticed(data_dir, rows)] += 1
         kept = _opened(data_dir, rows)
@@ -126,11 +132,13 @@ def _ends_early(data_dir: Path, rows: list[Row]) -> bool:
 
 
 def _opened(data_dir: Path, rows: list[Row]) -> str | None:
+    """Open the journal and write one more row; return what is wrong."""
     try:
         with Shard.open(data_dir) as shard:
-            found = list(shard.rows())
+            found = [shard.find(row.session, row.unique or b"") for row in shard.rows()]
+            shard.append("s0", "answer", b"more", at_ns=ROWS, unique=b"m" * 16, person="ann")
     except JournalNewer:
         return "refused"
     except JournalError:
         return "lost"
-    return None if found == rows else "lost"
+    return None if found == rows and verify(data_dir).ok else "lost"
