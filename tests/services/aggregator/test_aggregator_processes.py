@@ -161,6 +161,7 @@ def test_page_terminal_and_script_teach_one_session_through_an_aggregator_that_i
     wait_for("the session ends", lambda: terminal.finished, 60.0)
     terminal.join(10)
     page.join(10)
+    assert (terminal.is_alive(), page.is_alive()) == (False, False)
     wait_for("its end is durable", lambda: "finished" in {row.kind for row in deployment.crowd_rows()})
     _nothing_is_lost(deployment, terminal.acknowledged, page.acknowledged)
     _who_said_what(deployment)
