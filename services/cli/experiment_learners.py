@@ -23,6 +23,8 @@ from services.cli.experiment_shared import (
 )
 from services.cli.options import Json, Seed, print_json
 from sfid_core.experiments.claims import Claim
+from sfid_core.experiments.condition import Condition, Results
+from sfid_core.experiments.intervals import Resampling
 from sfid_core.experiments.learners import DEADLOCK_REWARD, STEPS_MAX
 from sfid_core.experiments.summary import Arm, ArmSummary
 
@@ -64,8 +66,6 @@ def learners(  # noqa: PLR0917 - one argument a flag
     """Methods by teachers: what the policy alone solves after 30, 100 and 300 episodes, and the answers."""
     from services.cli.experiment_files import write_learner_files
     from sfid_core.experiments import learners as experiment
-    from sfid_core.experiments.intervals import Resampling
-    from sfid_core.experiments.summary import summarise
     from sfid_core.learning.methods import METHODS
     from sfid_core.teaching.personas import PERSONAS
 
@@ -80,13 +80,7 @@ def learners(  # noqa: PLR0917 - one argument a flag
     ]
     conditions = [one for world in worlds for one in experiment.conditions(world, rows, columns)]
     results, seconds, sha256 = run_all(conditions, numbers, workers, out, plain=no_compile)
-    found, resampling = [], Resampling(seed=seed)
-    each = len(rows) * len(columns)
-    for place, name in enumerate(levels):
-        part = slice(place * each, (place + 1) * each)
-        arms = [experiment.arm(*pair) for pair in zip(conditions[part], results[part], strict=True)]
-        claims = experiment.claims(arms, resampling)
-        found.append(LevelFindings(name, arms, summarise(arms, resampling), claims))
+    found = _findings(levels, conditions, results, Resampling(seed=seed))
     files = [] if out is None else write_learner_files(out, found, numbers)
     if as_json:
         print_json(_document(found, seeds, seconds, sha256, files))
@@ -96,6 +90,22 @@ def learners(  # noqa: PLR0917 - one argument a flag
         console.print(learner_table(one))
         print_findings(console, one.claims, ())
     print_findings(Console(), (), files)
+
+
+def _findings(
+    levels: Sequence[str], conditions: Sequence[Condition], results: Sequence[Results], resampling: Resampling
+) -> list[LevelFindings]:
+    """Return what each level came to; the conditions stand level by level, equally many each."""
+    from sfid_core.experiments.learners import arm, claims
+    from sfid_core.experiments.summary import summarise
+
+    found = []
+    each = len(conditions) // len(levels)
+    for place, name in enumerate(levels):
+        part = slice(place * each, (place + 1) * each)
+        arms = [arm(*pair) for pair in zip(conditions[part], results[part], strict=True)]
+        found.append(LevelFindings(name, arms, summarise(arms, resampling), claims(arms, resampling)))
+    return found
 
 
 def _document(

@@ -1,5 +1,6 @@
 """`sfid experiment session`: one session's configuration over many seeds, with simulated teachers."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,6 +13,7 @@ from rich.table import Table
 from services.cli.experiment_shared import (
     Out,
     Plain,
+    Run,
     Seeds,
     Workers,
     named,
@@ -28,13 +30,42 @@ from services.cli.session_source import (
     GoalReward,
     LevelFlag,
     MethodFlag,
+    Recorded,
     StartsFlag,
     StepReward,
     StepsMax,
     chosen,
     recorded,
 )
+from sfid_core.experiments.condition import Condition
 from sfid_core.experiments.summary import ArmSummary, Measure
+from sfid_core.teaching.personas import PERSONAS, persona_named
+
+Source = Annotated[
+    Path | None,
+    typer.Option(
+        "--from",
+        help="Data directory of a learner: begin from the configuration of a recorded session; other flags "
+        "go before it.",
+    ),
+]
+SessionOf = Annotated[
+    str | None, typer.Option("--session", help="Which session of --from; needed where it has several.")
+]
+TeacherFlag = Annotated[
+    str | None,
+    typer.Option(
+        help="Simulated teachers by comma; or none. Default: those who joined and are simulated ones by "
+        "their names, else expert."
+    ),
+]
+NameFlag = Annotated[
+    str | None,
+    typer.Option(help="Name of the session: it names the draws. Default: the recorded one's, else demo."),
+]
+SeedFlag = Annotated[
+    int | None, typer.Option(help="First seed, 0 to 2^53-1. Default: the recorded session's, else 0.")
+]
 
 
 def add_to(app: typer.Typer) -> None:
@@ -43,26 +74,11 @@ def add_to(app: typer.Typer) -> None:
 
 
 def session(  # noqa: PLR0917 - one argument a flag
-    source: Annotated[
-        Path | None,
-        typer.Option(
-            "--from",
-            help="Data directory of a learner: begin from the configuration of a recorded session; other "
-            "flags go before it.",
-        ),
-    ] = None,
-    session_name: Annotated[
-        str | None, typer.Option("--session", help="Which session of --from; needed where it has several.")
-    ] = None,
+    source: Source = None,
+    session_name: SessionOf = None,
     level: LevelFlag = None,
     method: MethodFlag = None,
-    teacher: Annotated[
-        str | None,
-        typer.Option(
-            help="Simulated teachers by comma; or none. Default: those who joined and are simulated ones by "
-            "their names, else expert."
-        ),
-    ] = None,
+    teacher: TeacherFlag = None,
     episodes: EpisodesFlag = None,
     starts: StartsFlag = None,
     parameter: Parameter = None,
@@ -70,13 +86,9 @@ def session(  # noqa: PLR0917 - one argument a flag
     step_reward: StepReward = None,
     deadlock_reward: DeadlockReward = None,
     steps_max: StepsMax = None,
-    name: Annotated[
-        str | None, typer.Option(help="Name of the session: it names the draws. Default: demo.")
-    ] = None,
+    name: NameFlag = None,
     seeds: Seeds = 100,
-    seed: Annotated[
-        int | None, typer.Option(help="First seed, 0 to 2^53-1. Default: the recorded session's, else 0.")
-    ] = None,
+    seed: SeedFlag = None,
     out: Out = None,
     workers: Workers = 0,
     no_compile: Plain = False,
@@ -87,12 +99,6 @@ def session(  # noqa: PLR0917 - one argument a flag
     Its first seed with the recorded session's name and teachers is that session, if nothing but labels of
     simulated teachers decided it.
     """
-    from services.cli.experiment_files import write_curve_files
-    from sfid_core.experiments.condition import Condition, arm_of
-    from sfid_core.experiments.intervals import Resampling
-    from sfid_core.experiments.summary import summarise
-    from sfid_core.teaching.personas import PERSONAS, persona_named
-
     if session_name is not None and source is None:
         message = "--session names a recorded session: give its data directory with --from"
         raise CommandError(message)
@@ -102,17 +108,32 @@ def session(  # noqa: PLR0917 - one argument a flag
     flags = Flags(
         level, method, episodes, starts, parameter, goal_reward, step_reward, deadlock_reward, steps_max
     )
-    config = chosen(past.config if past else None, flags, first)
+    condition = _condition(past, flags, first, name, teacher)
+    run = run_all([condition], numbers, workers, out, plain=no_compile)
+    _report(condition, run, numbers, out, as_json=as_json)
+
+
+def _condition(
+    past: Recorded | None, flags: Flags, seed: int, name: str | None, teacher: str | None
+) -> Condition:
+    config = chosen(past.config if past else None, flags, seed)
     if name is not None:
         config = replace(config, session=name)
     simulated = [one for one in (past.teachers if past else ()) if one in PERSONAS]
     wanted = teacher if teacher is not None else ",".join(simulated) or "expert"
     people = () if wanted == "none" else named(wanted, "teacher", tuple(PERSONAS))
-    condition = Condition(wanted, config, {one: persona_named(one) for one in people})
-    run = run_all([condition], numbers, workers, out, plain=no_compile)
+    return Condition(wanted, config, {one: persona_named(one) for one in people})
+
+
+def _report(condition: Condition, run: Run, seeds: Sequence[int], out: Path | None, *, as_json: bool) -> None:
+    from services.cli.experiment_files import write_curve_files
+    from sfid_core.experiments.condition import arm_of
+    from sfid_core.experiments.intervals import Resampling
+    from sfid_core.experiments.summary import summarise
+
     arms = [arm_of(condition, run.results[0])]
-    (summary,) = summarise(arms, Resampling(seed=first))
-    files = [] if out is None else write_curve_files(out, arms, [summary], numbers)
+    (summary,) = summarise(arms, Resampling(seed=seeds[0]))
+    files = [] if out is None else write_curve_files(out, arms, [summary], seeds)
     if as_json:
         document: dict[str, Any] = {"seconds": run.seconds, "sha256": run.sha256} | summary.document()
         print_json(document | {"files": [str(path) for path in files]})
