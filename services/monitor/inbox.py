@@ -8,6 +8,8 @@ from services.runtime.bus import Received, Reply, Request
 
 MESSAGES_MAX = 8192
 BYTES_MAX = 16 * 1024 * 1024
+TAKEN_MAX = 128
+"""Messages taken at once: between two takes frames are drawn, and a stop is noticed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,13 +71,20 @@ class Inbox:
             self._replies.append(reply)
             self._wake.notify()
 
+    @property
+    def waiting(self) -> int:
+        """How many messages and answers wait."""
+        return len(self._messages) + len(self._replies)
+
     def take(self, timeout_s: float) -> list[Item]:
-        """Return everything that waits, answers first; an empty list after `timeout_s` without anything."""
+        """Return what waits, answers first and TAKEN_MAX messages at most; nothing after `timeout_s`."""
         with self._wake:
             if not self._messages and not self._replies:
                 self._wake.wait(timeout_s)
-            items: list[Item] = [*self._replies, *self._messages]
+            items: list[Item] = [*self._replies]
             self._replies.clear()
-            self._messages.clear()
-            self._bytes = 0
+            for _ in range(min(TAKEN_MAX, len(self._messages))):
+                message = self._messages.popleft()
+                self._bytes -= len(message.payload)
+                items.append(message)
             return items

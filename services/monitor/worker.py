@@ -1,5 +1,6 @@
 """The monitor's one worker: decodes what came, keeps the sessions' views, hands their rows on."""
 
+import itertools
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -34,7 +35,9 @@ IDLE_S = 0.05
 ASK_TIMEOUT_MS = 3_000
 REPORT_EPISODES_MAX = 100
 LAST_ROUNDS = 8
-"""Rounds after the stop: an answer that has just come may lead to one more question."""
+"""Rounds after the stop at least: an answer that has just come may lead to one more question."""
+LAST_S = 2.0
+"""For how long the rest is worked off after the stop; what waits then is counted as dropped."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -81,6 +84,7 @@ class Worker:
     def _facts(self) -> dict[str, Any]:
         unreadable = {"malformed": self.counts.malformed, "dropped": self.inbox.dropped}
         return {
+            "backlog": self.inbox.waiting,
             "sessions": len(self._watched),
             "refused": {reason: count for reason, count in unreadable.items() if count},
         }
@@ -110,16 +114,21 @@ class Worker:
         try:
             while not stopping():
                 self._round(IDLE_S)
-            for _ in range(LAST_ROUNDS):
+            until_s = self._now_s() + LAST_S
+            for number in itertools.count():
+                if self._now_s() >= until_s or (number >= LAST_ROUNDS and not self.inbox.waiting):
+                    break
                 self._round(0.0)
         finally:
             self.close()
+            if self.inbox.waiting:
+                _LOG.warning("%d messages were not shown: stopped while much was said", self.inbox.waiting)
 
     def close(self) -> None:
         """End every recording well; safe to call again."""
         for session in list(self._watched):
             self._unwatch(session)
-        self.counts.dropped_messages = self.inbox.dropped
+        self.counts.dropped_messages = self.inbox.dropped + self.inbox.waiting
 
     def _round(self, timeout_s: float) -> None:
         for item in self.inbox.take(timeout_s):

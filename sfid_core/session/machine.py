@@ -51,7 +51,7 @@ from sfid_core.session.events import (
 )
 from sfid_core.session.measures import EpisodeTally, StepMeasures
 from sfid_core.session.state import Given, Phase, Session
-from sfid_core.teaching.answers import Answer, AnswerKind
+from sfid_core.teaching.answers import AnswerKind
 from sfid_core.teaching.merge import SILENCE, merge
 
 Effects = tuple[Effect, ...]
@@ -210,7 +210,7 @@ def _close(session: Session, at_ns: int) -> Effects:
     """Close the window: merge the answers, then act (asked before the action) or learn (asked after it)."""
     session.deadline_ns = None
     learner, before = session.learner, session.evidence
-    answers, first_ns = _answers_of_the_window(session)
+    answers, first_ns = session.standing_answers()
     delay_ms = (first_ns - session.asked_at_ns) / 1e6
     evidence = merge([answer for _, answer in answers], learner.memory.actions, delay_ms)
     session.given += answers
@@ -222,16 +222,6 @@ def _close(session: Session, at_ns: int) -> Effects:
     session.action = learner.settle(session.state, session.action, evidence, session.decision)
     session.phase = Phase.EXECUTING
     return (Execute(session.decision, session.action),)
-
-
-def _answers_of_the_window(session: Session) -> tuple[tuple[tuple[str, Answer], ...], int]:
-    """Return the standing answers by teacher, and when the first of them came (none: when it was asked)."""
-    waiting = session.answers
-    if len(waiting) == 1:  # nearly always
-        ((teacher, given),) = waiting.items()
-        return ((teacher, given.answer),), given.at_ns
-    first_ns = min([given.at_ns for given in waiting.values()], default=session.asked_at_ns)
-    return tuple([(teacher, waiting[teacher].answer) for teacher in sorted(waiting)]), first_ns
 
 
 def _taken(session: Session, at_ns: int, event: StepTaken) -> Effects:

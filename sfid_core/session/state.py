@@ -95,6 +95,15 @@ class Session:
             return method.asks_after
         return method.asks_before
 
+    def standing_answers(self) -> tuple[tuple[tuple[str, Answer], ...], int]:
+        """Return the answers of the window by teacher, and when the first came (none: when it was asked)."""
+        waiting = self.answers
+        if len(waiting) == 1:  # nearly always
+            ((teacher, given),) = waiting.items()
+            return ((teacher, given.answer),), given.at_ns
+        first_ns = min([given.at_ns for given in waiting.values()], default=self.asked_at_ns)
+        return tuple([(teacher, waiting[teacher].answer) for teacher in sorted(waiting)]), first_ns
+
 
 def new_session(config: SessionConfig, actions: int = 4) -> Session:
     """Return a session before its first event.

@@ -6,6 +6,7 @@ import subprocess
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 import pytest
@@ -26,11 +27,12 @@ from protocol.messages import (
     WindowSpec,
     World,
 )
+from protocol.status_message import ServiceStatus
 from services.monitor.config import Addresses
 from services.monitor.scene import TeacherColours, draw_world, frames_of_step
 from services.monitor.service import MonitorConfig, MonitorCounts, MonitorError, run
 from services.monitor.web import viewer_program
-from services.runtime.bus import Request
+from services.runtime.bus import Reply, Request
 from services.runtime.memory_bus import MemoryBus, MemoryHub
 from tests.services.monitor.feeder import ROOM, SOLUTION_ROOM, Lesson
 from tests.services.monitor.rrd_rows import entities_of, rows_of
@@ -74,7 +76,22 @@ class Running:
             key = self.keys.decision if isinstance(message, Decision) else self.keys.measures
             self.bus.publish(key(message.session), encode(message))
 
-    def stop(self) -> MonitorCounts:
+    def work_off(self) -> None:
+        """Wait until everything that was published has been shown."""
+        for _ in range(2):  # what was taken together with the first question is shown before the second
+            while self._backlog():
+                pass
+
+    def _backlog(self) -> int:
+        replies: SimpleQueue[Reply | None] = SimpleQueue()
+        self.bus.ask(self.keys.status("monitor", "0"), b"", replies.put, int(DEADLINE_S * 1000))
+        reply = replies.get(timeout=DEADLINE_S)
+        assert reply is not None
+        return decode(reply.payload, ServiceStatus).backlog
+
+    def stop(self, *, worked_off: bool = True) -> MonitorCounts:
+        if worked_off and not self._errors:
+            self.work_off()
         self._stop.set()
         self._thread.join(DEADLINE_S)
         assert not self._thread.is_alive()
@@ -166,7 +183,9 @@ def test_malformed_messages_are_counted_told_and_survived(tmp_path: Path) -> Non
     monitor.bus.publish(monitor.keys.measures("other"), encode(messages[-2]))
     unreadable = Lesson(room=SOLUTION_ROOM, session="odd")
     odd = next(iter(unreadable.messages()))
-    monitor.publish(*messages[1:], _with(odd, view="# no level at all".translate(dict.fromkeys(map(ord, "nolevat"), "."))))
+    monitor.publish(
+        *messages[1:], _with(odd, view="# no level at all".translate(dict.fromkeys(map(ord, "nolevat"), ".")))
+    )
     counts = monitor.stop()
     assert (counts.malformed, counts.unreadable_views, counts.messages) == (3, 1, len(messages) + 1)
     assert len(series(tmp_path / "lesson.rrd", "curves/steps")) == 2
@@ -345,3 +364,12 @@ class _reserved:  # noqa: N801 - reads as a statement
 
     def __exit__(self, *_: object) -> None:
         self._socket.close()
+
+
+def test_what_is_not_shown_in_time_after_a_stop_is_counted_as_dropped(tmp_path: Path) -> None:
+    monitor = Running(recorded(tmp_path))
+    messages = [message for _ in range(3) for message in Lesson(episodes=14).messages()]
+    monitor.publish(*messages)
+    counts = monitor.stop(worked_off=False)
+    assert counts.messages + counts.dropped_messages == len(messages)
+    assert monitor.left == []
