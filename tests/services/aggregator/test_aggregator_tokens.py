@@ -106,6 +106,7 @@ def test_a_member_whose_token_is_revoked_is_heard_no_more(guarded: GuardedCrowd)
 def test_a_crowd_waits_no_longer_for_a_member_whose_token_is_revoked(guarded: GuardedCrowd) -> None:
     ann = Member(guarded, "ann")
     guarded.enter(ann, guarded.token("ann"))
+    assert guarded.aggregator is not None
     crowd = guarded.aggregator.crowds["s1"].crowd
     assert crowd is not None
     assert set(crowd.members) == {"ann"}
