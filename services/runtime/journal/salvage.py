@@ -67,11 +67,12 @@ def rebuild(directory: Path) -> tuple[str, ...]:
     records = [record for record, _ in proof]
     notes = []
     # The mirror first: from then on one file holds everything, whatever happens to the other.
-    if not mirror.intact or list(mirror.records.values()) != records:
+    if not mirror.intact or mirror.shard_id != shard_id or list(mirror.records.values()) != records:
         new = fresh(directory / (MIRROR_NAME + ".new"))
         create_mirror(new, shard_id, (encoded for _, encoded in proof))
         notes.append(_put_in_place(new, directory / MIRROR_NAME, len(records)))
-    head_holds = store.head is not None and (store.head.seq, store.head.chain) == _end_of(records, shard_id)
+    head, end = store.head, _end_of(records, shard_id)
+    head_holds = head is not None and (head.shard_id, head.seq, head.chain) == (shard_id, *end)
     if not store.intact or not head_holds or list(store.records.values()) != records:
         new = fresh(directory / (SQLITE_NAME + ".new"))
         epoch = store.head.epoch if store.head is not None else 0

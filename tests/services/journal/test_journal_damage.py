@@ -339,6 +339,7 @@ def test_a_newer_schema_is_refused_by_every_door_and_left_alone(closed_journal: 
         "UPDATE rows SET person = 'another' WHERE seq = 9",
         "UPDATE head SET seq = 47",
         "UPDATE head SET chain = zeroblob(32)",
+        "UPDATE head SET shard_id = zeroblob(16)",
         "UPDATE head SET seq_before = 49",
         "UPDATE head SET seq_before = -1",
         "DELETE FROM head",
