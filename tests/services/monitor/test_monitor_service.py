@@ -56,6 +56,8 @@ class Running:
 
     def __init__(self, config: MonitorConfig, hub: MemoryHub | None = None) -> None:
         self.hub = hub or MemoryHub(inline=True)
+        self._delivers = hub is None
+        """Whether the bus delivers by itself; another's is delivered by whoever runs it."""
         self.bus = MemoryBus(self.hub)
         self.keys = Keys(config.deployment)
         self.where = ""
@@ -90,7 +92,7 @@ class Running:
         return decode(reply.payload, ServiceStatus).backlog
 
     def stop(self, *, worked_off: bool = True) -> MonitorCounts:
-        if worked_off and not self._errors:
+        if worked_off and self._delivers and not self._errors:
             self.work_off()
         self._stop.set()
         self._thread.join(DEADLINE_S)
