@@ -67,7 +67,7 @@ class Running:
         self._stop = threading.Event()
         self._counts: list[MonitorCounts] = []
         self._errors: list[Exception] = []
-        self._thread = threading.Thread(target=self._run)
+        self._thread = threading.Thread(target=self._run, daemon=True)  # a test that fails leaves it behind
         self._thread.start()
         assert self._ready.wait(DEADLINE_S)
         if self._errors:
