@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Collection, Iterable
 from dataclasses import asdict, dataclass, field
 from enum import Enum
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import msgspec
 
@@ -37,6 +37,8 @@ from sfid_core.teaching.answers import Answer as Said
 from sfid_core.teaching.answers import AnswerKind
 
 T = TypeVar("T")
+_Setting = bool | int | float | str | None
+"""What a setting of a crowd can be on disk."""
 HANDED_KEPT = 16
 """Conclusions that are remembered, in case the learner asks the same again."""
 
@@ -152,10 +154,11 @@ def reliability_row(kind: AnswerKind, worker: str, known: Reliability) -> Reliab
 def read_config(body: bytes) -> CrowdConfig:
     """Return what a crowd was created with; raise DecodeError when it cannot be read by this version."""
     name, actions, rounds, weighing = read_body(
-        CrowdKind.CREATED.value, body, tuple[Name, ActionNames, dict[str, Any], dict[str, Any]]
+        CrowdKind.CREATED.value, body, tuple[Name, ActionNames, dict[str, _Setting], dict[str, _Setting]]
     )
     try:
-        return CrowdConfig(name, actions, RoundSettings(**rounds), CrowdSettings(**weighing))
+        rules = RoundSettings(**cast("dict[str, Any]", rounds))
+        return CrowdConfig(name, actions, rules, CrowdSettings(**cast("dict[str, Any]", weighing)))
     except (TypeError, ParameterError) as error:
         raise DecodeError(DecodeFault.NOT_THE_SCHEMA, f"crowd row: {printable(str(error))}") from None
 

@@ -71,7 +71,7 @@ class Attendance:
         aggregator.loop.call_later(aggregator.config.members_gone_ms, self._mark_gone, places)
 
     def _mark_gone(self, expected: Places) -> None:
-        for name, worker in sorted(expected - self._present):
+        for name, worker in sorted(expected - self._aggregator.reception.desk.proved(self._present)):
             live = self._aggregator.crowds.get(name)
             if live is not None and _is_member(live, worker):
                 self._aggregator.happen(live, MemberLeft(worker))

@@ -236,7 +236,7 @@ class Learner:
 
     def _mark_gone(self, expected: frozenset[tuple[str, str]]) -> None:
         """Let those go whose tokens are not there."""
-        for name, teacher in sorted(expected - self._present):
+        for name, teacher in sorted(expected - self.reception.desk.proved(self._present)):
             live = self.sessions[name]
             if teacher in live.session.teachers and live.session.phase is not Phase.FINISHED:
                 self.happen(live, TeacherLeft(teacher))

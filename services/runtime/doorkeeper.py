@@ -95,6 +95,10 @@ class Doorkeeper:
         self._inside[session, teacher] = identity
         return None
 
+    def has_let_in(self, session: str, teacher: str) -> bool:
+        """Tell whether the teacher has shown a good token in this life of the service."""
+        return (session, teacher) in self._inside
+
     def no_longer(self) -> list[tuple[str, str]]:
         """Return, once each, who was let in (session, name) by a token that is no longer good."""
         self._register.refresh()

@@ -139,9 +139,9 @@ class DurableLoop:
         """Handle what waits, at most BATCH_MAX messages, fire due timers, commit, send what waited for it."""
         try:
             item = self._inbox.get(timeout=self.wait_s(timeout_s)) if timeout_s else self._inbox.get_nowait()
-            for _ in range(BATCH_MAX):
-                self._handle(item)
-                item = self._inbox.get_nowait()
+            self._handle(item)
+            for _ in range(BATCH_MAX - 1):
+                self._handle(self._inbox.get_nowait())
         except queue.Empty:
             pass
         while self._timers and not self._failing and self._timers[0][0] <= self.at_ns():

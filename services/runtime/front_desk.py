@@ -5,7 +5,7 @@ Learner and aggregator have one each; what an answer means is their own.
 
 import logging
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -84,6 +84,11 @@ class FrontDesk:
             for session, name in self.door.no_longer():
                 leave(session, name)
             self._loop.call_later(LET_GO_MS, self.let_go, leave)
+
+    def proved(self, places: Collection[tuple[str, str]]) -> set[tuple[str, str]]:
+        """Return those of (session, name) that count as present: anybody may announce anybody."""
+        door = self.door
+        return set(places) if door is None else {place for place in places if door.has_let_in(*place)}
 
     def check_key(self, message: Join | Answer) -> bytes | None:
         """Return what keys the checks for this person; None where checks have no key."""

@@ -46,9 +46,9 @@ class StopSignals:
 
     def close(self) -> None:
         """Give the signals back to whoever had them before."""
-        signal.set_wakeup_fd(self._wakeup_before)
         for number, handler in self._handlers_before:
             signal.signal(number, handler)
+        signal.set_wakeup_fd(self._wakeup_before)
         self._mouth.close()
         self._thread.join()
         signal.pthread_sigmask(signal.SIG_SETMASK, self._mask_before)

@@ -95,3 +95,23 @@ def test_everybody_at_the_page_joins_again_when_the_router_came_back(tmp_path: P
         house.bus.set_online(online=True)
         assert came.wait(5.0)
         assert {join.teacher for join in house.learner.joins[before:]} == {"ann", "bea"}
+
+
+def test_after_a_restart_nobody_is_waited_for_whose_token_was_withdrawn_meanwhile(
+    guarded: GuardedRoom,
+) -> None:
+    ann, bea = Pupil(guarded, "ann"), Pupil(guarded, "bea")
+    token = guarded.token("bea")
+    ann.join(token=guarded.token("ann", hours=2))
+    bea.join(token=token)
+    opened = guarded.decision.decision
+    guarded.shard.commit()
+    guarded.kill_learner()
+    folder = guarded.data_dir / "gateway"
+    Register(folder).revoke(verify(token, load_secrets(folder), 0, ()).token_id)
+    guarded.start_learner()
+    ann.join(token=guarded.token("ann", hours=2))
+    ann.send(ann.message(guarded.decision, action="UP", token=guarded.token("ann", hours=2)))
+    guarded.pass_time(20_000)
+    assert guarded.present() == ("ann",)
+    assert guarded.decision.decision > opened
