@@ -39,7 +39,7 @@ class AggregatorConfig:
     check_secrets: tuple[bytes, ...] = field(default=(), repr=False)
     """What keys the checks of acknowledgements; empty: they have no key."""
     inbox_max: int = 16_384
-    waiting_max: int = 16
+    waiting_max: int = 32
     """Of these, messages of one sender and kind: who floods holds up themselves."""
     commit_every_ms: int = 500
     members_gone_ms: int = 5_000

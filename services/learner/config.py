@@ -13,8 +13,8 @@ class LearnerConfig:
     shard: int = 0
     inbox_max: int = 16_384
     """Messages waiting, at most: a second of 32 teachers at full speed. More are refused with "busy"."""
-    waiting_max: int = 16
-    """Of these, messages of one sender and kind: who floods holds up themselves. Some 3 ms of the loop."""
+    waiting_max: int = 32
+    """Of these, messages of one sender and kind: who floods holds up themselves. Some 5 ms of the loop."""
     commit_every_ms: int = 500
     """How long a row that nobody waits for may stay undurable."""
     teachers_gone_ms: int = 5_000

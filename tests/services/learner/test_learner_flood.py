@@ -11,7 +11,7 @@ from services.runtime.memory_bus import MemoryBus
 from services.runtime.turnstile import Turnstile
 from tests.services.learner.classroom import KEYS, Classroom, Pupil, session
 
-WAITING_MAX = 16
+WAITING_MAX = 32
 FLOOD = 500
 
 
