@@ -3,6 +3,7 @@
 import logging
 import threading
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from protocol.codec import DecodeError, encode
@@ -176,7 +177,9 @@ class Learner:
                     self._episode_done(live, at_ns, measures)
                 case SessionDone():
                     self.note_digest(live)
-                    log.info("session %s finished after %d episodes", live.name, len(live.session.episodes))
+                    text, episodes = "session %s finished after %d episodes", len(live.session.episodes)
+                    # Whoever reads the journal of a finished session finds all of it.
+                    self.loop.after_commit(partial(log.info, text, live.name, episodes))
 
     def _publish_measures(self, live: LiveSession, message: Wire) -> None:
         self.bus.publish(live.measures_key, encode(message))
