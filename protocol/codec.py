@@ -140,4 +140,5 @@ def pack(value: Any) -> bytes:  # noqa: ANN401 - any plain value
 
 def printable(text: str, length_max: int = 200) -> str:
     """Return the text for a log line: one line, no control characters, at most `length_max` characters."""
-    return "".join(char if char.isprintable() else "?" for char in text[:length_max])
+    shown = text[:length_max]
+    return shown if shown.isprintable() else "".join([char if char.isprintable() else "?" for char in shown])
