@@ -182,7 +182,7 @@ FAULTS = (
           "test_random_frames_are_refused_and_cost_no_memory", 2_000, 1_000_000, _frames(fuzz.send_random)),
     Fault("mutated-frames", "a good frame with 1 to 6 edits, of every message type",
           "a message of the schema or DecodeError",
-          "test_mutated_frames_are_messages_or_refused", 2_000, 150_000, _frames(fuzz.send_mutated)),
+          "test_mutated_frames_are_messages_or_refused", 2_000, 1_000_000, _frames(fuzz.send_mutated)),
     Fault("simulator", "messages lost, doubled, late, links cut, processes killed, clocks set, disks failing "
           "(short lessons)", "every rule R0 to R10", "test_every_rule_holds_in_the_simulator",
           16, 400, _simulated(0)),
