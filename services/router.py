@@ -1,14 +1,17 @@
 """The router service: the one process that everybody else connects to, and that lets in whom it knows."""
 
+import json
 import logging
+import os
 import socket
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from services.runtime.access import Guard, certificates, make_access, note_router
+from services.router_links import Link, allow_links
+from services.runtime.access import Guard, certificates, make_access, note_router, read_access
 from services.runtime.bus import BusError
 from services.runtime.endpoint import DEFAULT_ENDPOINT, is_loopback, reached_at, split_endpoint
 from services.runtime.zenoh_bus import ZenohRouter, router_config
@@ -29,8 +32,14 @@ class RouterConfig:
     listen: str = DEFAULT_ENDPOINT
     """Endpoint to listen at, tcp/HOST:PORT or tls/HOST:PORT."""
 
+    connect: tuple[str, ...] = ()
+    """Endpoints of other routers to link with, now or when they come."""
+
+    link: Link = Link.ROUTER
+    """As what it is linked to them."""
+
     insecure_bind: bool = False
-    """Listen also where other machines reach the router, although what passes is not encrypted."""
+    """Listen and link also where other machines are, although what passes is not encrypted."""
 
     limits: LinkLimits = field(default_factory=LinkLimits)
     """Bounds of its connections."""
@@ -53,7 +62,7 @@ def run(config: RouterConfig, ready: Callable[[], None], stop: threading.Event) 
         f"cannot listen at {config.listen}: another program has it, stop that one or pass another --listen"
     )
     try:
-        router = ZenohRouter(config.listen, refusal, config.limits, guard)
+        router = ZenohRouter(config.listen, refusal, config.limits, guard, config.connect)
     except BusError as error:
         raise RouterError(str(error)) from error
     try:
@@ -68,9 +77,26 @@ def run(config: RouterConfig, ready: Callable[[], None], stop: threading.Event) 
 def written_config(config: RouterConfig) -> dict[str, Any]:
     """Return the configuration, for a router of Zenoh's own or for people to read; logins stay in their file.
 
-    Raises: as `run`.
+    Of a router that connects to others, theirs asks for one: `zenohd_file` has it.  Raises: as `run`.
     """
-    return router_config(config.listen, config.limits, _guard(config))
+    guard = _guard(config)
+    return router_config(config.listen, config.limits, guard and replace(guard, login=None), config.connect)
+
+
+def zenohd_file(config: RouterConfig, path: Path) -> None:
+    """Write the whole configuration for a router of Zenoh's own, with its login, for its owner alone to read.
+
+    Raises: as `run`; RouterError when the file cannot be written.
+    """
+    text = json.dumps(router_config(config.listen, config.limits, _guard(config), config.connect), indent=2)
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as file:
+            file.write(text + "\n")
+        part.replace(path)
+    except OSError as error:
+        message = f"{path}: {error.strerror or error}: name a file in a directory that can be written"
+        raise RouterError(message) from None
 
 
 def free_endpoint() -> str:
@@ -81,32 +107,64 @@ def free_endpoint() -> str:
 
 
 def _guard(config: RouterConfig) -> Guard | None:
-    tls = _protocol(config) == "tls"
+    protocols = [
+        _protocol(config, config.listen, linked=False),
+        *(_protocol(config, endpoint, linked=True) for endpoint in config.connect),
+    ]
     if config.access is None:
         return None
-    users = make_access(config.access, [role.value for role in Role if role is not Role.ROUTER])
-    rules = access_control(config.deployments, tls=tls)
-    return Guard(users.resolve(), rules, certificates(config.access, "router") if tls else None)
+    folder = config.access.resolve()
+    roles = [role.value for role in Role if role is not Role.ROUTER]
+    if "tls" in protocols:
+        roles += [link.value for link in Link]
+    users = make_access(folder, roles)
+    rules = access_control(config.deployments, tls=protocols[0] == "tls")
+    if "tls" not in protocols:
+        return Guard(users, rules)
+    return Guard(
+        users,
+        allow_links(rules, config.deployments),
+        certificates(folder, config.link.value),
+        read_access(folder, config.link.value) if config.connect else None,
+    )
 
 
-def _protocol(config: RouterConfig) -> str:
+def _protocol(config: RouterConfig, endpoint: str, *, linked: bool) -> str:
     """Return tcp or tls, unless others could read along, or be let in without a login."""
     try:
-        protocol, _, _ = split_endpoint(config.listen)
-        loopback = is_loopback(config.listen)
+        protocol, _, _ = split_endpoint(endpoint)
+        loopback = is_loopback(endpoint)
     except BusError as error:
         raise RouterError(str(error)) from error
     if protocol == "tls" and config.access is None:
-        message = f"{config.listen}: TLS takes certificates: name their directory with --access"
-        raise RouterError(message)
-    if protocol == "tcp" and not loopback and not config.insecure_bind:
+        message = f"{endpoint}: TLS takes certificates: name their directory with --access"
+    elif protocol == "tcp" and linked and config.access is not None:
         message = (
-            f"{config.listen} can be reached from other machines and nothing there is encrypted: listen at "
-            f"{DEFAULT_ENDPOINT} or at tls/HOST:PORT (SECURITY.md), or, trusting everybody there, run "
-            "`sfid router --insecure-bind`"
+            f"{endpoint}: a router that asks for logins knows another by its certificate: connect to "
+            "tls/HOST:PORT (MACHINES.md), or let both ask nobody, with `sfid router --open-to-all`"
         )
-        raise RouterError(message)
-    return protocol
+    elif protocol == "tcp" and not loopback and not config.insecure_bind:
+        message = f"{_exposed(endpoint, linked=linked)}, or, trusting everybody there, run {_INSECURE}"
+    elif linked and endpoint == config.listen:
+        message = f"{endpoint}: a router cannot be linked with itself: name another one with --connect"
+    else:
+        return protocol
+    raise RouterError(message)
+
+
+_INSECURE: Final = "`sfid router --insecure-bind`"
+
+
+def _exposed(endpoint: str, *, linked: bool) -> str:
+    if linked:
+        return (
+            f"{endpoint} is on another machine and nothing on the way is encrypted: connect to tls/HOST:PORT "
+            "(MACHINES.md)"
+        )
+    return (
+        f"{endpoint} can be reached from other machines and nothing there is encrypted: listen at "
+        f"{DEFAULT_ENDPOINT} or at tls/HOST:PORT (SECURITY.md)"
+    )
 
 
 def _leave_word(config: RouterConfig, folder: Path | None) -> None:

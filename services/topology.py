@@ -205,7 +205,7 @@ def access_control(deployments: Iterable[str], *, tls: bool) -> dict[str, Any]:
     subjects: list[dict[str, Any]] = []
     policies: list[dict[str, Any]] = []
     for role, nodes in merged.items():
-        its_own = list(_rules(role, nodes))
+        its_own = list(rules_of(role.value, nodes))
         if its_own:
             rules += its_own
             names = {"usernames": [role.value]} | ({"cert_common_names": [role.value]} if tls else {})
@@ -236,12 +236,13 @@ _MESSAGES = (
 )
 
 
-def _rules(role: Role, nodes: Sequence[Node]) -> Iterator[dict[str, Any]]:
+def rules_of(subject: str, nodes: Sequence[Node]) -> Iterator[dict[str, Any]]:
+    """Yield the rules for a subject that may do what all these nodes say, and not what one may not."""
     for verb, flow, messages in _MESSAGES:
         keys = [key for node in nodes for key in getattr(node, verb)]
         if keys:
             yield {
-                "id": f"{role.value} {verb} {flow}",
+                "id": f"{subject} {verb} {flow}",
                 "permission": "deny" if verb == "asks_not" else "allow",
                 "flows": [flow],
                 "messages": list(messages),

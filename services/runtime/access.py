@@ -49,11 +49,13 @@ class Access:
 
 @dataclass(frozen=True, slots=True)
 class Guard:
-    """What a router lets in: the users of a file, by rules; certificates where it listens at tls/..."""
+    """What a router lets in: the users of a file, by rules; certificates where it speaks TLS."""
 
     users: Path
     rules: dict[str, object] = field(repr=False)
     certificates: Certificates | None = None
+    login: Access | None = None
+    """What it brings to the routers that it connects to."""
 
 
 class CleartextError(BusError):

@@ -5,7 +5,7 @@ import json
 import socket
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, TypeVar
 
@@ -278,12 +278,20 @@ class _Ask:
 
 
 class ZenohRouter:
-    """A router session that listens at one endpoint; BusError with `refusal` when it cannot."""
+    """A router session that listens at one endpoint; BusError with `refusal` when it cannot.
+
+    Args: connect: endpoints of other routers, which may come later, go, and come again.
+    """
 
     def __init__(
-        self, listen: str, refusal: str, limits: LinkLimits | None = None, guard: Guard | None = None
+        self,
+        listen: str,
+        refusal: str,
+        limits: LinkLimits | None = None,
+        guard: Guard | None = None,
+        connect: Sequence[str] = (),
     ) -> None:
-        self._session = _open_session(router_config(listen, limits, guard), lambda: refusal)
+        self._session = _open_session(router_config(listen, limits, guard, connect), lambda: refusal)
         atexit.register(self.close)
 
     def close(self) -> None:

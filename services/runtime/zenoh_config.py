@@ -1,5 +1,6 @@
 """Zenoh configurations as plain data: one for a client, one for the router, and the limits of both."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -61,41 +62,38 @@ def client_config(
             transport["link"]["tls"] = _tls(access.certificates, "connect")
     return {
         "mode": "client",
-        "connect": {
-            "endpoints": [endpoint],
-            # One attempt: the caller waits, because Ctrl-C does not interrupt Zenoh's own waiting.
-            "timeout_ms": 0,
-            "retry": {
-                "period_init_ms": limits.retry_ms_min,
-                "period_max_ms": limits.retry_ms_max,
-                "period_increase_factor": 2,
-            },
-        },
+        # One attempt: the caller waits, because Ctrl-C does not interrupt Zenoh's own waiting.
+        "connect": {"endpoints": [endpoint], "timeout_ms": 0, "retry": _retry(limits)},
         "scouting": _NO_SCOUTING,
         "transport": transport,
     }
 
 
 def router_config(
-    listen: str, limits: LinkLimits | None = None, guard: Guard | None = None
+    listen: str, limits: LinkLimits | None = None, guard: Guard | None = None, connect: Sequence[str] = ()
 ) -> dict[str, Any]:
     """Return the configuration of a router that listens at `listen` only.
 
-    Args: guard: whom it lets in, to do what; None: everybody, everything.
+    Args: guard: whom it lets in, to do what; None: everybody, everything.  connect: other routers to link
+    with; it starts without those that are not there, and goes on trying.
     """
     limits = limits or LinkLimits()
-    split_endpoint(listen)
+    for endpoint in (listen, *connect):
+        split_endpoint(endpoint)
     transport = _transport(limits)
     guarded: dict[str, Any] = {}
     if guard is not None:
-        transport["auth"] = {"usrpwd": {"dictionary_file": str(guard.users)}}
+        _admit(transport, guard)
         guarded = {"access_control": guard.rules}
-        if guard.certificates is not None:
-            transport["link"]["tls"] = _tls(guard.certificates, "listen")
     return {
         "mode": "router",
         "listen": {"endpoints": [listen], "timeout_ms": 0, "exit_on_failure": True},
-        "connect": {"endpoints": []},
+        "connect": {
+            "endpoints": list(connect),
+            "timeout_ms": -1,
+            "exit_on_failure": False,
+            "retry": _retry(limits),
+        },
         "scouting": _NO_SCOUTING,
         "adminspace": {"enabled": False},
         "transport": transport,
@@ -114,6 +112,25 @@ def router_config(
 
 # delay: a router waits 500 ms for scouting answers at its start, which never come when nobody is asked.
 _NO_SCOUTING: Final = {"multicast": {"enabled": False}, "gossip": {"enabled": False}, "delay": 0}
+
+
+def _retry(limits: LinkLimits) -> dict[str, Any]:
+    return {
+        "period_init_ms": limits.retry_ms_min,
+        "period_max_ms": limits.retry_ms_max,
+        "period_increase_factor": 2,
+    }
+
+
+def _admit(transport: dict[str, Any], guard: Guard) -> None:
+    """Say whom a router lets in, and as whom it goes to other routers."""
+    login: dict[str, str] = {}
+    if guard.login is not None:
+        login = {"user": guard.login.user, "password": guard.login.password}
+    transport["auth"] = {"usrpwd": {"dictionary_file": str(guard.users), **login}}
+    if guard.certificates is not None:
+        both = _tls(guard.certificates, "listen") | _tls(guard.certificates, "connect")
+        transport["link"]["tls"] = both
 
 
 def _tls(files: Certificates, side: str) -> dict[str, Any]:

@@ -1,0 +1,78 @@
+"""What passes between routers: who another router is, and which messages its link may carry."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from enum import Enum
+from typing import Any
+
+from protocol.keys import Keys
+from services.topology import Node, Role, rules_of, topology
+
+
+class Link(Enum):
+    """As what a router is linked to others: the common name of its certificate, and its login."""
+
+    ROUTER = "router"
+    """Carries everything: it is trusted to let in each role to do what is that role's, as this one is."""
+    EDGE = "edge"
+    """Stands where only people are: whatever it lets in there, here it may do what they and their gateways
+    may."""
+
+
+EDGE_ROLES = (Role.TEACHER, Role.WORKER, Role.GATEWAY)
+"""Who may stand behind an edge."""
+_BOTH = ("ingress", "egress")
+_PASSING = (
+    # what roles do, which messages that makes between two routers, of which either may have either side
+    (("publishes", "subscribes"), ("put", "declare_subscriber")),
+    (("serves", "asks"), ("query", "reply", "declare_queryable")),
+    (
+        ("announces", "watches"),
+        ("liveliness_token", "declare_liveliness_subscriber", "liveliness_query"),
+    ),
+)
+
+
+def allow_links(control: dict[str, Any], deployments: Iterable[str]) -> dict[str, Any]:
+    """Return an access control with which other routers may also be linked, each as what it is.
+
+    A router is known by its certificate alone: of a login only the accepting side of a link knows.
+    """
+    nodes = [node for deployment in deployments for node in topology(Keys(deployment))]
+    rules = {
+        Link.ROUTER: list(_router_rules(nodes)),
+        Link.EDGE: list(_edge_rules([node for node in nodes if node.role in EDGE_ROLES])),
+    }
+    return control | {
+        "rules": [*control["rules"], *rules[Link.ROUTER], *rules[Link.EDGE]],
+        "subjects": [
+            *control["subjects"],
+            *({"id": link.value, "cert_common_names": [link.value]} for link in Link),
+        ],
+        "policies": [
+            *control["policies"],
+            *({"rules": [rule["id"] for rule in rules[link]], "subjects": [link.value]} for link in Link),
+        ],
+    }
+
+
+def _router_rules(nodes: Sequence[Node]) -> Iterator[dict[str, Any]]:
+    for verbs, messages in _PASSING:
+        keys = [key for node in nodes for verb in verbs for key in getattr(node, verb)]
+        yield _allow(f"{Link.ROUTER.value} {' '.join(verbs)}", _BOTH, messages, keys)
+
+
+def _edge_rules(nodes: Sequence[Node]) -> Iterator[dict[str, Any]]:
+    """Yield what people and their gateways may do here themselves, and that they are told who answers."""
+    yield from rules_of(Link.EDGE.value, nodes)
+    asked = [key for node in nodes for key in node.asks]
+    yield _allow(f"{Link.EDGE.value} finds", ("egress",), ("declare_queryable",), asked)
+
+
+def _allow(name: str, flows: Sequence[str], messages: Sequence[str], keys: Iterable[str]) -> dict[str, Any]:
+    return {
+        "id": name,
+        "permission": "allow",
+        "flows": list(flows),
+        "messages": list(messages),
+        "key_exprs": list(dict.fromkeys(keys)),
+    }
