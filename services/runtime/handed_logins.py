@@ -1,0 +1,32 @@
+"""Each role's login in a directory of its own, for machines or containers that get that one directory."""
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from services.runtime.secret import SecretError
+
+
+def hand_out(folder: Path, roles: Iterable[str]) -> None:
+    """Copy the login of each role into `folder/ROLE/ROLE.login`, wherever there is a directory `folder/ROLE`.
+
+    A copy that is no longer the login is replaced, whole. Raises: SecretError when one cannot be written.
+    """
+    for role in roles:
+        name = f"{role}.login"
+        copy = folder / role / name
+        try:
+            if copy.parent.is_dir():
+                _write(copy, (folder / name).read_bytes())
+        except OSError as error:
+            message = f"{copy}: {error.strerror or error}: let the router write there, or remove {copy.parent}"
+            raise SecretError(message) from None
+
+
+def _write(path: Path, content: bytes) -> None:
+    if path.is_file() and path.read_bytes() == content:
+        return
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:
+        file.write(content)
+    part.replace(path)
