@@ -2,6 +2,7 @@
 
 import atexit
 import json
+import os
 import socket
 import threading
 import time
@@ -16,7 +17,14 @@ from services.runtime.access import Access, Guard
 from services.runtime.bus import CALLBACK_FAILED, BusError, Presence, Received, Reply, Request
 from services.runtime.callback_guard import CallbackGuard
 from services.runtime.key_expression import checked_key, checked_key_expression, matches
-from services.runtime.zenoh_config import LinkLimits, client_config, router_config, split_endpoint
+from services.runtime.zenoh_config import (
+    THREADS,
+    THREADS_VARIABLE,
+    LinkLimits,
+    client_config,
+    router_config,
+    split_endpoint,
+)
 
 __all__ = ["ZenohBus", "ZenohRouter", "client_config", "open_bus", "router_config"]
 
@@ -329,6 +337,7 @@ def _no_router(endpoint: str) -> str:
 
 
 def _open_session(config: Mapping[str, Any], refusal: Callable[[], str]) -> zenoh.Session:
+    os.environ.setdefault(THREADS_VARIABLE, THREADS)
     try:
         return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
     except zenoh.ZError as error:

@@ -1,0 +1,41 @@
+"""Zenoh's threads in a process of ours: few that hand messages to one another, unless somebody says otherwise."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from services.runtime.zenoh_config import THREADS_VARIABLE
+
+PROGRAM = """
+from pathlib import Path
+from services.router import free_endpoint
+from services.runtime.zenoh_bus import ZenohRouter, open_bus
+endpoint = free_endpoint()
+router = ZenohRouter(endpoint, "")
+bus = open_bus(endpoint, 5_000)
+names = {each.read_text().strip() for each in Path("/proc/self/task").glob("*/comm")}
+print(*sorted(name for name in names if name.partition("-")[0] in ("app", "acc", "net", "rx", "tx")))
+bus.close()
+router.close()
+"""
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="threads are read from /proc")
+
+
+def threads(**variables: str) -> list[str]:
+    """Return the names of Zenoh's threads in a fresh process that routes and is a client."""
+    kept = {name: value for name, value in os.environ.items() if name != THREADS_VARIABLE}
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM], env=kept | variables, capture_output=True, text=True, check=True
+    )
+    return done.stdout.split()
+
+
+def test_all_but_receiving_shares_four_threads() -> None:
+    assert threads() == ["rx-0", "rx-1", "tx-0", "tx-1", "tx-2", "tx-3"]
+
+
+def test_whoever_sets_zenohs_own_variable_is_heeded() -> None:
+    assert "net-0" in threads(**{THREADS_VARIABLE: "(rx: (worker_threads: 1))"})
