@@ -14,6 +14,7 @@ from services.router_links import Link, allow_links
 from services.runtime.access import Guard, certificates, make_access, note_router, read_access
 from services.runtime.bus import BusError
 from services.runtime.endpoint import DEFAULT_ENDPOINT, is_loopback, reached_at, split_endpoint
+from services.runtime.handed_logins import hand_out
 from services.runtime.zenoh_bus import ZenohRouter, router_config
 from services.runtime.zenoh_config import LinkLimits
 from services.topology import Role, access_control
@@ -118,6 +119,7 @@ def _guard(config: RouterConfig) -> Guard | None:
     if "tls" in protocols:
         roles += [link.value for link in Link]
     users = make_access(folder, roles)
+    hand_out(folder, roles)
     rules = access_control(config.deployments, tls=protocols[0] == "tls")
     if "tls" not in protocols:
         return Guard(users, rules)
