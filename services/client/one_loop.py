@@ -42,9 +42,11 @@ class LoopBus:
         if not known:
             self._bus.subscribe(key_expression, lambda received: self._received(key_expression, received))
 
-    def serve(self, key_expression: str, receive: Callable[[Request], None]) -> None:
+    def serve(
+        self, key_expression: str, receive: Callable[[Request], None], *, shared: bool = False
+    ) -> Callable[[], None]:
         """See Requests."""
-        self._bus.serve(key_expression, receive)
+        return self._bus.serve(key_expression, receive, shared=shared)
 
     def ask(self, key: str, payload: bytes, receive: Callable[[Reply | None], None], timeout_ms: int) -> None:
         """See Requests."""
@@ -55,13 +57,24 @@ class LoopBus:
 
         self._bus.ask(key, payload, replied, timeout_ms)
 
+    def ask_all(
+        self, key: str, payload: bytes, receive: Callable[[tuple[Reply, ...]], None], timeout_ms: int
+    ) -> None:
+        """See Requests."""
+
+        def replied(replies: tuple[Reply, ...]) -> None:
+            receive(replies)
+            self._wake()
+
+        self._bus.ask_all(key, payload, replied, timeout_ms)
+
     def announce(self, key: str) -> Callable[[], None]:
         """See PresenceBoard."""
         return self._bus.announce(key)
 
-    def watch(self, key_expression: str, receive: Callable[[Presence], None]) -> None:
+    def watch(self, key_expression: str, receive: Callable[[Presence], None]) -> Callable[[], None]:
         """See PresenceBoard."""
-        self._bus.watch(key_expression, receive)
+        return self._bus.watch(key_expression, receive)
 
     def connected(self) -> bool:
         """See Connection."""

@@ -88,13 +88,16 @@ class Topics(Protocol):
 
 
 class Requests(Protocol):
-    """Questions with at most one answer."""
+    """Questions with at most one answer of each server."""
 
-    def serve(self, key_expression: str, receive: Callable[[Request], None]) -> None:
-        """Call `receive` with every request on a matching key from now on, across reconnections.
+    def serve(
+        self, key_expression: str, receive: Callable[[Request], None], *, shared: bool = False
+    ) -> Callable[[], None]:
+        """Call `receive` with every request on a matching key until the returned function is called.
 
-        Where several buses serve one key, one of them gets the request: the asker's own if it is among them.
-        One bus serves a key once.
+        It serves across reconnections. Where several buses serve one key, one of them gets the request: the
+        asker's own if it is among them. Those who serve it `shared` all get it, where nobody serves it alone:
+        whoever knows the answer replies, and the others drop it. One bus serves a key alone once.
         """
 
     def ask(self, key: str, payload: bytes, receive: Callable[[Reply | None], None], timeout_ms: int) -> None:
@@ -102,7 +105,17 @@ class Requests(Protocol):
 
         `receive` gets the reply, or None for no answer: nobody serves the key, the server went away or
         dropped the request, `timeout_ms` (> 0) passed, the bus is not connected, was disconnected or closed.
-        None does not mean that the server did nothing: ask again with the same id.
+        None does not mean that the server did nothing: ask again with the same id. Of several servers who
+        share the key the first reply counts, and it comes without waiting for the others.
+        """
+
+    def ask_all(
+        self, key: str, payload: bytes, receive: Callable[[tuple[Reply, ...]], None], timeout_ms: int
+    ) -> None:
+        """Ask everybody who shares `key`, and call `receive` exactly once with what they replied.
+
+        That is once each has replied or dropped the request, or `timeout_ms` has passed; empty as None of
+        `ask`. Whoever serves the key alone gives the one reply.
         """
 
 
@@ -112,8 +125,10 @@ class PresenceBoard(Protocol):
     def announce(self, key: str) -> Callable[[], None]:
         """Be present at `key` until the returned function is called, the bus closes, or the process dies."""
 
-    def watch(self, key_expression: str, receive: Callable[[Presence], None]) -> None:
+    def watch(self, key_expression: str, receive: Callable[[Presence], None]) -> Callable[[], None]:
         """Call `receive` for everybody present now on a matching key, and with every change after.
+
+        That ends when the returned function is called.
 
         Several holders of one key count as one presence. While the watcher itself is cut off, everybody is
         reported gone, and those who are still there are reported again after the reconnection.

@@ -12,6 +12,7 @@ from services.runtime.bus import CALLBACK_FAILED, BusError, Presence, Received, 
 from services.runtime.callback_guard import CallbackGuard
 from services.runtime.faults import CALM, MS, Faults, Link, Observer, Seen
 from services.runtime.key_expression import checked_key, checked_key_expression, matches
+from services.runtime.replies import AnsweredOnce, Outcome, all_of, first_of
 from services.runtime.timeline import Timeline, dice
 
 LOSS_NOTICED_NS = 1 * MS
@@ -122,7 +123,7 @@ class FaultyBus:
         self.online = True
         self.closed = False
         self.subscriptions: list[tuple[str, Callable[[Received], None]]] = []
-        self.servers: list[tuple[str, Callable[[Request], None]]] = []
+        self.servers: list[_Server] = []
         self.watches: list[_Watch] = []
         self.tokens: list[str] = []
         self._asking: dict[int, _Ask] = {}
@@ -157,30 +158,49 @@ class FaultyBus:
         self._check_declaration(key_expression)
         self.subscriptions.append((key_expression, receive))
 
-    def serve(self, key_expression: str, receive: Callable[[Request], None]) -> None:
+    def serve(
+        self, key_expression: str, receive: Callable[[Request], None], *, shared: bool = False
+    ) -> Callable[[], None]:
         """See Requests."""
         self._check_declaration(key_expression)
-        self.servers.append((key_expression, receive))
+        server = _Server(self, key_expression, receive, shared)
+        self.servers.append(server)
+        return lambda: self.servers.remove(server) if server in self.servers else None
 
     def ask(self, key: str, payload: bytes, receive: Callable[[Reply | None], None], timeout_ms: int) -> None:
         """See Requests."""
+        self._ask(key, payload, lambda count: first_of(count, receive), timeout_ms)
+
+    def ask_all(
+        self, key: str, payload: bytes, receive: Callable[[tuple[Reply, ...]], None], timeout_ms: int
+    ) -> None:
+        """See Requests."""
+        self._ask(key, payload, lambda count: all_of(count, receive), timeout_ms)
+
+    def _ask(self, key: str, payload: bytes, outcome_of: Callable[[int], Outcome], timeout_ms: int) -> None:
         checked_key(key)
         if timeout_ms <= 0:
             message = f"timeout_ms = {timeout_ms}: an ask needs a positive timeout"
             raise ValueError(message)
+        servers = self._servers_of(key)
+        take = outcome_of(len(servers))
         if self.closed:
-            self.guard.call("ask", receive, None)
+            self.guard.call("ask", take, None)
             return
-        number = self.hub.number_ask()
-        found = self._server_of(key)
-        server = self if found is None else found[0]
-        ask = self._asking[number] = _Ask(self, server, number, key, bytes(payload), receive)
-        self.hub.see("ask", self.name, server.name if found else "", key, ask.payload, number)
-        if found is None:
+        if not servers:
+            ask = self._question(key, payload, take, self, "")
             self.hub.timeline.call_in(LOSS_NOTICED_NS, partial(ask.finish, None))
-            return
-        self.hub.send(Parcel(self, server, key, ask.payload, partial(ask.serve, found[1]), ask=number))
-        self.hub.timeline.call_in(timeout_ms * MS, partial(ask.finish, None))
+        for server in servers:
+            ask = self._question(key, payload, take, server.bus, server.bus.name)
+            deliver = partial(ask.serve, server.receive)
+            self.hub.send(Parcel(self, server.bus, key, ask.payload, deliver, ask=ask.number))
+            self.hub.timeline.call_in(timeout_ms * MS, partial(ask.finish, None))
+
+    def _question(self, key: str, payload: bytes, take: Outcome, server: "FaultyBus", name: str) -> "_Ask":
+        number = self.hub.number_ask()
+        ask = self._asking[number] = _Ask(self, server, number, key, bytes(payload), take)
+        self.hub.see("ask", self.name, name, key, ask.payload, number)
+        return ask
 
     def announce(self, key: str) -> Callable[[], None]:
         """See PresenceBoard."""
@@ -197,11 +217,13 @@ class FaultyBus:
 
         return withdraw
 
-    def watch(self, key_expression: str, receive: Callable[[Presence], None]) -> None:
+    def watch(self, key_expression: str, receive: Callable[[Presence], None]) -> Callable[[], None]:
         """See PresenceBoard."""
         self._check_declaration(key_expression)
-        self.watches.append(_Watch(self, key_expression, receive))
+        watch = _Watch(self, key_expression, receive)
+        self.watches.append(watch)
         self.hub.tell_presence()
+        return lambda: self.watches.remove(watch) if watch in self.watches else None
 
     def connected(self) -> bool:
         """See Connection."""
@@ -264,12 +286,9 @@ class FaultyBus:
         for ask in list(self._serving.values()):
             ask.server_lost()
 
-    def _server_of(self, key: str) -> "tuple[FaultyBus, Callable[[Request], None]] | None":
-        for bus in self._reachable():
-            for expression, receive in bus.servers:
-                if matches(expression, key):
-                    return bus, receive
-        return None
+    def _servers_of(self, key: str) -> "list[_Server]":
+        servers = [one for bus in self._reachable() for one in bus.servers if matches(one.expression, key)]
+        return next(([server] for server in servers if not server.shared), servers)
 
     def _reachable(self) -> "list[FaultyBus]":
         if self.closed:
@@ -291,6 +310,15 @@ class FaultyBus:
         if self.closed:
             message = f"cannot declare {key_expression!r}: the bus is closed"
             raise BusError(message)
+
+
+class _Server(NamedTuple):
+    """One server of a bus."""
+
+    bus: FaultyBus
+    expression: str
+    receive: Callable[[Request], None]
+    shared: bool
 
 
 class _Watch:
@@ -331,17 +359,17 @@ class _Ask:
         number: int,
         key: str,
         payload: bytes,
-        receive: Callable[[Reply | None], None],
+        receive: Outcome,
     ) -> None:
         self.asker, self.server, self.number, self.key, self.payload = asker, server, number, key, payload
-        self._receive: Callable[[Reply | None], None] | None = receive
+        self._receive: Outcome | None = receive
 
     def serve(self, receive: Callable[[Request], None]) -> None:
         """Hand the question to its server; a repeated one is a question of its own."""
         server = self.server
         server.received(self)
         server.hub.see("serve", self.asker.name, server.name, self.key, self.payload, self.number)
-        request = _FaultyRequest(self)
+        request = AnsweredOnce(self.key, self.payload, self.answer)
         if not server.guard.call("serve", receive, request):
             request.reply_error(CALLBACK_FAILED)
 
@@ -373,27 +401,3 @@ class _Ask:
         self.asker.hub.see(what, self.server.name, self.asker.name, self.key, payload, self.number)
         self.asker.guard.call("ask", receive, outcome)
         self.asker.heard()
-
-
-class _FaultyRequest:
-    """A Request (see bus.py); without a reference left it says that there is no answer."""
-
-    def __init__(self, ask: _Ask) -> None:
-        self.key, self.payload = ask.key, ask.payload
-        self._ask: _Ask | None = ask
-
-    def __del__(self) -> None:
-        self._answer(None)
-
-    def reply(self, payload: bytes) -> None:
-        """See Request."""
-        self._answer(Reply(bytes(payload), ok=True))
-
-    def reply_error(self, payload: bytes) -> None:
-        """See Request."""
-        self._answer(Reply(bytes(payload), ok=False))
-
-    def _answer(self, outcome: Reply | None) -> None:
-        ask, self._ask = self._ask, None
-        if ask is not None:
-            ask.answer(outcome)

@@ -58,3 +58,42 @@ def _chunk_pattern(chunk: str) -> str:
         return f"/{re.escape(chunk)}"
     parts = "[^/]*".join(re.escape(part) for part in chunk.split("$*"))
     return f"/(?!@){parts}" if chunk.startswith("$*") else f"/{parts}"
+
+
+class KeyIndex:
+    """Key expressions, found by the concrete keys that they stand for; each may be in it several times."""
+
+    def __init__(self) -> None:
+        self._by_beginning: dict[str, tuple[str, ...]] = {}
+
+    def add(self, key_expression: str) -> None:
+        """Put it in."""
+        beginning = _beginning(key_expression)
+        self._by_beginning[beginning] = (*self._by_beginning.get(beginning, ()), key_expression)
+
+    def remove(self, key_expression: str) -> None:
+        """Take it out once; ValueError where it is not in it."""
+        beginning = _beginning(key_expression)
+        left = list(self._by_beginning.get(beginning, ()))
+        left.remove(key_expression)
+        if left:
+            self._by_beginning[beginning] = tuple(left)
+        else:
+            del self._by_beginning[beginning]
+
+    def __contains__(self, key: str) -> bool:
+        """Whether some expression stands for the concrete `key`."""
+        if not self._by_beginning:
+            return False
+        chunks = key.split("/")
+        return any(
+            matches(key_expression, key)
+            for length in range(len(chunks) + 1)
+            for key_expression in self._by_beginning.get("/".join(chunks[:length]), ())
+        )
+
+
+def _beginning(key_expression: str) -> str:
+    chunks = key_expression.split("/")
+    fixed = next((at for at, chunk in enumerate(chunks) if "*" in chunk), len(chunks))
+    return "/".join(chunks[:fixed])

@@ -11,6 +11,7 @@ from services.runtime.bus import CALLBACK_FAILED, BusError, Presence, Received, 
 from services.runtime.callback_guard import CallbackGuard
 from services.runtime.clock import Clock
 from services.runtime.key_expression import checked_key, checked_key_expression, matches
+from services.runtime.replies import AnsweredOnce, Outcome, all_of, first_of
 
 T = TypeVar("T")
 
@@ -120,29 +121,47 @@ class MemoryBus:
             self._check_declaration(key_expression)
             self.subscriptions.append(_Declared(self, key_expression, receive))
 
-    def serve(self, key_expression: str, receive: Callable[[Request], None]) -> None:
+    def serve(
+        self, key_expression: str, receive: Callable[[Request], None], *, shared: bool = False
+    ) -> Callable[[], None]:
         """See Requests."""
         with self.hub.lock:
             self._check_declaration(key_expression)
-            self.servers.append(_Declared(self, key_expression, receive))
+            server = _Declared(self, key_expression, receive, shared=shared)
+            self.servers.append(server)
+        return partial(self._withdraw, self.servers, server)
 
     def ask(self, key: str, payload: bytes, receive: Callable[[Reply | None], None], timeout_ms: int) -> None:
         """See Requests."""
+        self._ask(key, payload, lambda count: first_of(count, receive), timeout_ms)
+
+    def ask_all(
+        self, key: str, payload: bytes, receive: Callable[[tuple[Reply, ...]], None], timeout_ms: int
+    ) -> None:
+        """See Requests."""
+        self._ask(key, payload, lambda count: all_of(count, receive), timeout_ms)
+
+    def _ask(self, key: str, payload: bytes, outcome_of: Callable[[int], Outcome], timeout_ms: int) -> None:
         checked_key(key)
         if timeout_ms <= 0:
             message = f"timeout_ms = {timeout_ms}: an ask needs a positive timeout"
             raise ValueError(message)
         with self.hub.lock:
-            servers = chain.from_iterable(bus.servers for bus in self._reachable())
-            server = next(iter(_matching(key, servers)), None)
-            if server is None:
-                self.hub.enqueue(partial(self.guard.call, "ask", receive, None))
-            else:
-                expires_ns = self.hub.now_ns() + timeout_ms * 1_000_000
-                ask = _Ask(self, server.bus, receive, expires_ns)
+            servers = self._servers_of(key)
+            take = outcome_of(len(servers))
+            if not servers:
+                self.hub.enqueue(partial(self.guard.call, "ask", take, None))
+            expires_ns = self.hub.now_ns() + timeout_ms * 1_000_000
+            for server in servers:
+                ask = _Ask(self, server.bus, take, expires_ns)
                 self.hub.asks.append(ask)
                 self.hub.enqueue(partial(_call_server, server, ask, key, bytes(payload)))
         self.hub.settle()
+
+    def _servers_of(self, key: str) -> "list[_Declared[Request]]":
+        """Return the first who serves the key alone, else all who share it."""
+        servers = _matching(key, chain.from_iterable(bus.servers for bus in self._reachable()))
+        return next(([server] for server in servers if not server.shared), servers)
 
     def announce(self, key: str) -> Callable[[], None]:
         """See PresenceBoard."""
@@ -163,13 +182,20 @@ class MemoryBus:
         self.hub.settle()
         return withdraw
 
-    def watch(self, key_expression: str, receive: Callable[[Presence], None]) -> None:
+    def watch(self, key_expression: str, receive: Callable[[Presence], None]) -> Callable[[], None]:
         """See PresenceBoard."""
         with self.hub.lock:
             self._check_declaration(key_expression)
-            self.watches.append(_Watch(_Declared(self, key_expression, receive)))
+            watch = _Watch(_Declared(self, key_expression, receive))
+            self.watches.append(watch)
             self.hub.update_presence()
         self.hub.settle()
+        return partial(self._withdraw, self.watches, watch)
+
+    def _withdraw(self, declarations: list[T], declared: T) -> None:
+        with self.hub.lock:
+            if declared in declarations:
+                declarations.remove(declared)
 
     def connected(self) -> bool:
         """See Connection."""
@@ -230,9 +256,12 @@ class MemoryBus:
 class _Declared(Generic[T]):
     """One subscription, server or watch of a bus."""
 
-    def __init__(self, bus: MemoryBus, key_expression: str, receive: Callable[[T], None]) -> None:
+    def __init__(
+        self, bus: MemoryBus, key_expression: str, receive: Callable[[T], None], *, shared: bool = False
+    ) -> None:
         self.bus = bus
         self.key_expression = key_expression
+        self.shared = shared
         self._receive = receive
 
     def call(self, what: str, argument: T) -> bool:
@@ -261,9 +290,7 @@ class _Watch:
 class _Ask:
     """One question in flight; hands on the first outcome and forgets the rest."""
 
-    def __init__(
-        self, asker: MemoryBus, server: MemoryBus, receive: Callable[[Reply | None], None], expires_ns: int
-    ) -> None:
+    def __init__(self, asker: MemoryBus, server: MemoryBus, receive: Outcome, expires_ns: int) -> None:
         self.asker = asker
         self.server = server
         self.expires_ns = expires_ns
@@ -277,33 +304,14 @@ class _Ask:
                 hub.asks.remove(self)
                 hub.enqueue(partial(self.asker.guard.call, "ask", self._receive, outcome))
 
-
-class _MemoryRequest:
-    """A Request (see bus.py) on one ask; without a reference left it says that there is no answer."""
-
-    def __init__(self, ask: _Ask, key: str, payload: bytes) -> None:
-        self.key = key
-        self.payload = payload
-        self._ask = ask
-
-    def __del__(self) -> None:
-        self._answer(None)
-
-    def reply(self, payload: bytes) -> None:
-        """See Request."""
-        self._answer(Reply(bytes(payload), ok=True))
-
-    def reply_error(self, payload: bytes) -> None:
-        """See Request."""
-        self._answer(Reply(bytes(payload), ok=False))
-
-    def _answer(self, outcome: Reply | None) -> None:
-        self._ask.finish(outcome)
-        self._ask.asker.hub.settle()
+    def answer(self, outcome: Reply | None) -> None:
+        """Queue what the server said, and deliver it where the hub is inline."""
+        self.finish(outcome)
+        self.asker.hub.settle()
 
 
 def _call_server(server: _Declared[Request], ask: _Ask, key: str, payload: bytes) -> None:
-    request = _MemoryRequest(ask, key, payload)
+    request = AnsweredOnce(key, payload, ask.answer)
     if not server.call("serve", request):
         request.reply_error(CALLBACK_FAILED)
 

@@ -7,8 +7,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import zenoh
 from zenoh.handlers import Callback
@@ -16,7 +15,7 @@ from zenoh.handlers import Callback
 from services.runtime.access import Access, Guard
 from services.runtime.bus import CALLBACK_FAILED, BusError, Presence, Received, Reply, Request
 from services.runtime.callback_guard import CallbackGuard
-from services.runtime.key_expression import checked_key, checked_key_expression, matches
+from services.runtime.key_expression import KeyIndex, checked_key, checked_key_expression
 from services.runtime.zenoh_config import (
     THREADS,
     THREADS_VARIABLE,
@@ -39,6 +38,13 @@ D = TypeVar("D")
 T = TypeVar("T")
 
 
+class _Declaration(Protocol):
+    """What can be withdrawn."""
+
+    def undeclare(self) -> None:
+        """Withdraw it."""
+
+
 class ZenohBus:
     """A Bus (see bus.py) over one client session; opens it at once, BusError when no router answers."""
 
@@ -48,17 +54,17 @@ class ZenohBus:
         self._closed = False
         self._connected = False
         self._watchers: list[Callable[[bool], None]] = []
-        self._asks: set[_Ask] = set()
+        self._asks: set[_Ask | _AskAll] = set()
+        self._alone, self._shared = KeyIndex(), KeyIndex()
+        """What this bus serves."""
         self._inside: list[int] = []
-        self._declared: list[object] = []
-        self._served: list[str] = []
-        self._serves = lru_cache(4096)(self._is_served)
+        self._declared: dict[int, object] = {}
+        """By identity: thousands are withdrawn one by one."""
         self._session = _open_session(client_config(endpoint, limits, access), lambda: _no_router(endpoint))
         # Without this a session left open at interpreter exit could call into a Python that is gone.
         atexit.register(self.close)
-        self._declared.append(
-            self._session.info.declare_transport_events_listener(_direct(self._on_transport), history=True)
-        )
+        info = self._session.info
+        self._keep(info.declare_transport_events_listener(_direct(self._on_transport), history=True))
 
     @property
     def callback_errors(self) -> int:
@@ -89,7 +95,9 @@ class ZenohBus:
 
         self._declare(key_expression, lambda key: self._session.declare_subscriber(key, _direct(on_sample)))
 
-    def serve(self, key_expression: str, receive: Callable[[Request], None]) -> None:
+    def serve(
+        self, key_expression: str, receive: Callable[[Request], None], *, shared: bool = False
+    ) -> Callable[[], None]:
         """See Requests."""
 
         def on_query(query: zenoh.Query) -> None:
@@ -99,17 +107,32 @@ class ZenohBus:
 
         def declare(key: str) -> zenoh.Queryable[None]:
             # complete: of several servers of a key Zenoh picks one; without it every one gets every request.
-            return self._session.declare_queryable(key, _direct(on_query), complete=True)
+            return self._session.declare_queryable(key, _direct(on_query), complete=not shared)
 
-        self._declare(key_expression, declare)
-        self._served.append(key_expression)
-        self._serves.cache_clear()
+        queryable = self._declare(key_expression, declare)
+        served = self._shared if shared else self._alone
+        with self._lock:
+            served.add(key_expression)
 
-    def _is_served(self, key: str) -> bool:
-        return any(matches(key_expression, key) for key_expression in self._served)
+        def withdraw() -> None:
+            with self._lock:
+                if id(queryable) in self._declared:
+                    served.remove(key_expression)
+                    self._undeclare(queryable)
+
+        return withdraw
 
     def ask(self, key: str, payload: bytes, receive: Callable[[Reply | None], None], timeout_ms: int) -> None:
         """See Requests."""
+        self._ask(key, payload, _Ask(self._guard, receive, self._asks.discard), timeout_ms)
+
+    def ask_all(
+        self, key: str, payload: bytes, receive: Callable[[tuple[Reply, ...]], None], timeout_ms: int
+    ) -> None:
+        """See Requests."""
+        self._ask(key, payload, _AskAll(self._guard, receive, self._asks.discard), timeout_ms)
+
+    def _ask(self, key: str, payload: bytes, asked: "_Ask | _AskAll", timeout_ms: int) -> None:
         checked_key(key)
         if timeout_ms <= 0:
             message = f"timeout_ms = {timeout_ms}: an ask needs a positive timeout"
@@ -117,19 +140,14 @@ class ZenohBus:
         thread = threading.get_ident()
         self._inside.append(thread)
         try:
-            self._ask(key, payload, receive, timeout_ms)
+            self._get(key, payload, asked, timeout_ms)
         finally:
             self._inside.remove(thread)
 
-    def _ask(
-        self, key: str, payload: bytes, receive: Callable[[Reply | None], None], timeout_ms: int
-    ) -> None:
+    def _get(self, key: str, payload: bytes, asked: "_Ask | _AskAll", timeout_ms: int) -> None:
         if self._closed:
-            self._guard.call("ask", receive, None)
+            asked.on_end()
             return
-        # Left to itself Zenoh would ask a server on this bus and one elsewhere, both.
-        local = self._serves(key)
-        asked = _Ask(self._guard, receive, self._asks.discard)
         self._asks.add(asked)
         try:
             self._session.get(
@@ -143,24 +161,23 @@ class ZenohBus:
                 # Not express: unbatched, a burst of 1000 asks of 100 B loses hundreds, batched none, and a
                 # single round trip takes the same time.
                 congestion_control=zenoh.CongestionControl.DROP,
-                allowed_destination=zenoh.Locality.SESSION_LOCAL if local else zenoh.Locality.REMOTE,
+                allowed_destination=self._where(key),
             )
         except zenoh.ZError:
             asked.on_end()
 
+    def _where(self, key: str) -> zenoh.Locality:
+        # Left to itself Zenoh would ask a server on this bus and one elsewhere, both.
+        if key in self._alone:
+            return zenoh.Locality.SESSION_LOCAL
+        return zenoh.Locality.ANY if key in self._shared else zenoh.Locality.REMOTE
+
     def announce(self, key: str) -> Callable[[], None]:
         """See PresenceBoard."""
         token = self._declare(checked_key(key), self._session.liveliness().declare_token)
+        return lambda: self._undeclare(token)
 
-        def withdraw() -> None:
-            with self._lock:
-                if not self._closed and token in self._declared:
-                    self._declared.remove(token)
-                    token.undeclare()
-
-        return withdraw
-
-    def watch(self, key_expression: str, receive: Callable[[Presence], None]) -> None:
+    def watch(self, key_expression: str, receive: Callable[[Presence], None]) -> Callable[[], None]:
         """See PresenceBoard."""
 
         def on_sample(sample: zenoh.Sample) -> None:
@@ -170,7 +187,13 @@ class ZenohBus:
         def declare(key: str) -> zenoh.Subscriber[None]:
             return self._session.liveliness().declare_subscriber(key, _direct(on_sample), history=True)
 
-        self._declare(key_expression, declare)
+        watcher = self._declare(key_expression, declare)
+        return lambda: self._undeclare(watcher)
+
+    def _undeclare(self, declared: "_Declaration") -> None:
+        with self._lock:
+            if not self._closed and self._declared.pop(id(declared), None) is not None:
+                declared.undeclare()
 
     def connected(self) -> bool:
         """See Connection."""
@@ -209,8 +232,11 @@ class ZenohBus:
         except zenoh.ZError as error:
             message = f"cannot declare {key_expression!r}: the bus is closed" if self._closed else str(error)
             raise BusError(message) from error
-        self._declared.append(declared)
+        self._keep(declared)
         return declared
+
+    def _keep(self, declared: object) -> None:
+        self._declared[id(declared)] = declared
 
     def _on_transport(self, event: zenoh.TransportEvent) -> None:
         self._set_connected(connected=event.kind == zenoh.SampleKind.PUT)
@@ -283,6 +309,37 @@ class _Ask:
             return
         self._forget(self)
         self._guard.call("ask", receive, outcome)
+
+
+class _AskAll:
+    """One question to several servers in flight; hands on every reply once all have ended."""
+
+    def __init__(
+        self,
+        guard: CallbackGuard,
+        receive: Callable[[tuple[Reply, ...]], None],
+        forget: Callable[["_AskAll"], None],
+    ) -> None:
+        self._guard = guard
+        self._receive = [receive]
+        self._forget = forget
+        self._replies: list[Reply] = []
+
+    def on_reply(self, reply: zenoh.Reply) -> None:
+        """Keep a reply; that the time is up is none."""
+        if reply.ok is not None:
+            self._replies.append(Reply(reply.ok.payload.to_bytes(), ok=True))
+        elif reply.err is not None and (payload := reply.err.payload.to_bytes()) != _TIMEOUT:
+            self._replies.append(Reply(payload, ok=False))
+
+    def on_end(self) -> None:
+        """Hand on what there is."""
+        try:
+            receive = self._receive.pop()
+        except IndexError:
+            return
+        self._forget(self)
+        self._guard.call("ask", receive, tuple(self._replies))
 
 
 class ZenohRouter:

@@ -182,6 +182,104 @@ class BusContract:
         assert world.next(answers) == Reply(b"own")
         assert world.rest(elsewhere) == []
 
+    def test_of_those_who_share_a_key_the_one_who_replies_is_heard_at_once(self, world: World) -> None:
+        asker, knows, drops, holds = (world.open() for _ in range(4))
+        answers: queue.SimpleQueue[Reply | None] = queue.SimpleQueue()
+        held: queue.SimpleQueue[Request] = queue.SimpleQueue()
+        drops.serve("rpc/*", lambda _: None, shared=True)
+        holds.serve("rpc/*", held.put, shared=True)
+        knows.serve("rpc/*", lambda request: request.reply(request.payload + b"!"), shared=True)
+        world.settle()
+        asker.ask("rpc/a", b"x", answers.put, LONG_MS)
+        assert world.next(answers) == Reply(b"x!")
+        world.next(held).reply(b"too late")
+        assert world.rest(answers) == []
+
+    def test_where_all_who_share_a_key_drop_the_request_there_is_no_answer(self, world: World) -> None:
+        asker, one, two = world.open(), world.open(), world.open()
+        answers: queue.SimpleQueue[Reply | None] = queue.SimpleQueue()
+        for server in (one, two, asker):
+            server.serve("rpc", lambda _: None, shared=True)
+        world.settle()
+        asker.ask("rpc", b"", answers.put, LONG_MS)
+        assert world.next(answers) is None
+        assert world.rest(answers) == []
+
+    def test_all_who_share_a_key_are_heard_also_twice_on_one_bus(self, world: World) -> None:
+        asker, one, two = world.open(), world.open(), world.open()
+        answers: queue.SimpleQueue[tuple[Reply, ...]] = queue.SimpleQueue()
+        one.serve("rpc", lambda request: request.reply(b"one"), shared=True)
+        one.serve("rpc", lambda request: request.reply(b"again"), shared=True)
+        two.serve("rpc", lambda request: request.reply_error(b"two"), shared=True)
+        asker.serve("rpc", lambda request: request.reply(b"own"), shared=True)
+        two.serve("rpc", lambda _: None, shared=True)
+        world.settle()
+        asker.ask_all("rpc", b"", answers.put, LONG_MS)
+        expected = {Reply(b"one"), Reply(b"again"), Reply(b"two", ok=False), Reply(b"own")}
+        heard = world.next(answers)
+        assert (set(heard), len(heard)) == (expected, 4)
+
+    def test_who_serves_a_key_alone_goes_before_those_who_share_it(self, world: World) -> None:
+        asker, alone, shares = world.open(), world.open(), world.open()
+        answers: queue.SimpleQueue[tuple[Reply, ...]] = queue.SimpleQueue()
+        shares.serve("rpc/*", lambda request: request.reply(b"shared"), shared=True)
+        alone.serve("rpc/a", lambda request: request.reply(b"alone"))
+        world.settle()
+        asker.ask_all("rpc/a", b"", answers.put, LONG_MS)
+        assert world.next(answers) == (Reply(b"alone"),)
+        asker.ask_all("rpc/b", b"", answers.put, LONG_MS)
+        assert world.next(answers) == (Reply(b"shared"),)
+        asker.ask_all("nobody", b"", answers.put, LONG_MS)
+        assert world.next(answers) == ()
+
+    def test_asking_all_ends_at_its_timeout_with_what_came(self, world: World) -> None:
+        asker, replies, holds = world.open(), world.open(), world.open()
+        answers: queue.SimpleQueue[tuple[Reply, ...]] = queue.SimpleQueue()
+        held: queue.SimpleQueue[Request] = queue.SimpleQueue()
+        replies.serve("rpc", lambda request: request.reply(b"here"), shared=True)
+        holds.serve("rpc", held.put, shared=True)
+        world.settle()
+        asker.ask_all("rpc", b"", answers.put, 200)
+        request = world.next(held)
+        world.settle()
+        world.pass_time()
+        assert world.next(answers) == (Reply(b"here"),)
+        request.reply(b"too late")
+        assert world.rest(answers) == []
+
+    def test_a_server_that_is_withdrawn_serves_no_more_and_twice_is_once(self, world: World) -> None:
+        asker, server, other = world.open(), world.open(), world.open()
+        answers: queue.SimpleQueue[Reply | None] = queue.SimpleQueue()
+        withdraw = server.serve("rpc", lambda request: request.reply(b"first"))
+        world.settle()
+        server.ask("rpc", b"", answers.put, LONG_MS)
+        assert world.next(answers) == Reply(b"first")
+        withdraw()
+        withdraw()
+        other.serve("rpc", lambda request: request.reply(b"other"))
+        world.settle()
+        for bus in (asker, server):
+            bus.ask("rpc", b"", answers.put, LONG_MS)
+            assert world.next(answers) == Reply(b"other")
+
+    def test_a_watch_that_is_withdrawn_tells_nothing_and_the_next_one_everything(self, world: World) -> None:
+        watcher, other = world.open(), world.open()
+        first: queue.SimpleQueue[Presence] = queue.SimpleQueue()
+        second: queue.SimpleQueue[Presence] = queue.SimpleQueue()
+        other.announce("here/a")
+        world.settle()
+        withdraw = watcher.watch("here/*", first.put)
+        assert world.next(first) == Presence("here/a", present=True)
+        withdraw()
+        withdraw()
+        world.settle()
+        other.announce("here/b")
+        world.settle()
+        watcher.watch("here/*", second.put)
+        seen = {world.next(second), world.next(second)}
+        assert seen == {Presence("here/a", present=True), Presence("here/b", present=True)}
+        assert world.rest(first) == []
+
     def test_a_key_nobody_serves_has_no_answer(self, world: World) -> None:
         asker, server = world.open(), world.open()
         answers: queue.SimpleQueue[Reply | None] = queue.SimpleQueue()

@@ -1,0 +1,64 @@
+"""What buses that know all their servers have in common: a request, and how several replies become one."""
+
+from collections.abc import Callable
+
+from services.runtime.bus import Reply
+
+Outcome = Callable[[Reply | None], None]
+
+
+class AnsweredOnce:
+    """A Request (see bus.py) that calls `answer` once; without a reference left it says: no answer."""
+
+    def __init__(self, key: str, payload: bytes, answer: Outcome) -> None:
+        self.key = key
+        self.payload = payload
+        # A list, because pop() hands it to one thread only, without a lock.
+        self._unanswered = [answer]
+
+    def __del__(self) -> None:
+        self._answer(None)
+
+    def reply(self, payload: bytes) -> None:
+        """See Request."""
+        self._answer(Reply(bytes(payload), ok=True))
+
+    def reply_error(self, payload: bytes) -> None:
+        """See Request."""
+        self._answer(Reply(bytes(payload), ok=False))
+
+    def _answer(self, outcome: Reply | None) -> None:
+        try:
+            answer = self._unanswered.pop()
+        except IndexError:
+            return
+        answer(outcome)
+
+
+def first_of(count: int, receive: Outcome) -> Outcome:
+    """Return what takes the outcomes of `count` servers: the first reply, else None at the end."""
+    if count <= 1:
+        return receive
+    left, told = [count], [False]
+
+    def take(outcome: Reply | None) -> None:
+        left[0] -= 1
+        if not told[0] and (outcome is not None or not left[0]):
+            told[0] = True
+            receive(outcome)
+
+    return take
+
+
+def all_of(count: int, receive: Callable[[tuple[Reply, ...]], None]) -> Outcome:
+    """Return what takes the outcomes of `count` servers (one None where there are none): all at the end."""
+    left, replies = [max(1, count)], list[Reply]()
+
+    def take(outcome: Reply | None) -> None:
+        left[0] -= 1
+        if outcome is not None:
+            replies.append(outcome)
+        if not left[0]:
+            receive(tuple(replies))
+
+    return take
