@@ -1,4 +1,4 @@
-"""Zenoh's threads in a process of ours: few that hand messages to one another, unless somebody says otherwise."""
+"""Zenoh's threads in a process of ours: few, so that a message wakes few, unless somebody says otherwise."""
 
 import os
 import subprocess
@@ -33,8 +33,10 @@ def threads(**variables: str) -> list[str]:
     return done.stdout.split()
 
 
-def test_all_but_receiving_shares_four_threads() -> None:
-    assert threads() == ["rx-0", "rx-1", "tx-0", "tx-1", "tx-2", "tx-3"]
+def test_all_but_receiving_shares_its_threads() -> None:
+    found = threads()
+    assert {name.partition("-")[0] for name in found} == {"rx", "tx"}
+    assert {"rx-0", "rx-1", "tx-0", "tx-1", "tx-2", "tx-3"} <= set(found)
 
 
 def test_whoever_sets_zenohs_own_variable_is_heeded() -> None:
