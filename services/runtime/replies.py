@@ -1,8 +1,10 @@
-"""What buses that know all their servers have in common: a request, and how several replies become one."""
+"""What the buses have in common: a request that is answered once, and how several replies are one."""
 
 from collections.abc import Callable
+from typing import Protocol
 
 from services.runtime.bus import Reply
+from services.runtime.callback_guard import CallbackGuard
 
 Outcome = Callable[[Reply | None], None]
 
@@ -62,3 +64,64 @@ def all_of(count: int, receive: Callable[[tuple[Reply, ...]], None]) -> Outcome:
             receive(tuple(replies))
 
     return take
+
+
+class OpenAsk(Protocol):
+    """One question in flight, of whom nobody knows how many will reply."""
+
+    def took(self, reply: Reply | None) -> None:
+        """Take a reply, or word that the time is up."""
+
+    def end(self) -> None:
+        """No more replies will come."""
+
+
+class FirstReply:
+    """An OpenAsk that hands on the first outcome and forgets the rest."""
+
+    def __init__(self, guard: CallbackGuard, receive: Outcome, forget: Callable[[OpenAsk], None]) -> None:
+        self._guard = guard
+        self._receive = [receive]
+        self._forget = forget
+
+    def took(self, reply: Reply | None) -> None:
+        """See OpenAsk."""
+        try:
+            receive = self._receive.pop()
+        except IndexError:
+            return
+        self._forget(self)
+        self._guard.call("ask", receive, reply)
+
+    def end(self) -> None:
+        """See OpenAsk."""
+        self.took(None)
+
+
+class EveryReply:
+    """An OpenAsk that hands on all replies at the end."""
+
+    def __init__(
+        self,
+        guard: CallbackGuard,
+        receive: Callable[[tuple[Reply, ...]], None],
+        forget: Callable[[OpenAsk], None],
+    ) -> None:
+        self._guard = guard
+        self._receive = [receive]
+        self._forget = forget
+        self._replies: list[Reply] = []
+
+    def took(self, reply: Reply | None) -> None:
+        """See OpenAsk."""
+        if reply is not None:
+            self._replies.append(reply)
+
+    def end(self) -> None:
+        """See OpenAsk."""
+        try:
+            receive = self._receive.pop()
+        except IndexError:
+            return
+        self._forget(self)
+        self._guard.call("ask", receive, tuple(self._replies))

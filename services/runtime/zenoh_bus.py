@@ -16,6 +16,7 @@ from services.runtime.access import Access, Guard
 from services.runtime.bus import CALLBACK_FAILED, BusError, Presence, Received, Reply, Request
 from services.runtime.callback_guard import CallbackGuard
 from services.runtime.key_expression import KeyIndex, checked_key, checked_key_expression
+from services.runtime.replies import EveryReply, FirstReply, OpenAsk
 from services.runtime.zenoh_config import (
     THREADS,
     THREADS_VARIABLE,
@@ -54,7 +55,7 @@ class ZenohBus:
         self._closed = False
         self._connected = False
         self._watchers: list[Callable[[bool], None]] = []
-        self._asks: set[_Ask | _AskAll] = set()
+        self._asks: set[OpenAsk] = set()
         self._alone, self._shared = KeyIndex(), KeyIndex()
         """What this bus serves."""
         self._inside: list[int] = []
@@ -124,15 +125,15 @@ class ZenohBus:
 
     def ask(self, key: str, payload: bytes, receive: Callable[[Reply | None], None], timeout_ms: int) -> None:
         """See Requests."""
-        self._ask(key, payload, _Ask(self._guard, receive, self._asks.discard), timeout_ms)
+        self._ask(key, payload, FirstReply(self._guard, receive, self._asks.discard), timeout_ms)
 
     def ask_all(
         self, key: str, payload: bytes, receive: Callable[[tuple[Reply, ...]], None], timeout_ms: int
     ) -> None:
         """See Requests."""
-        self._ask(key, payload, _AskAll(self._guard, receive, self._asks.discard), timeout_ms)
+        self._ask(key, payload, EveryReply(self._guard, receive, self._asks.discard), timeout_ms)
 
-    def _ask(self, key: str, payload: bytes, asked: "_Ask | _AskAll", timeout_ms: int) -> None:
+    def _ask(self, key: str, payload: bytes, asked: OpenAsk, timeout_ms: int) -> None:
         checked_key(key)
         if timeout_ms <= 0:
             message = f"timeout_ms = {timeout_ms}: an ask needs a positive timeout"
@@ -144,15 +145,15 @@ class ZenohBus:
         finally:
             self._inside.remove(thread)
 
-    def _get(self, key: str, payload: bytes, asked: "_Ask | _AskAll", timeout_ms: int) -> None:
+    def _get(self, key: str, payload: bytes, asked: OpenAsk, timeout_ms: int) -> None:
         if self._closed:
-            asked.on_end()
+            asked.end()
             return
         self._asks.add(asked)
         try:
             self._session.get(
                 key,
-                Callback(asked.on_reply, asked.on_end, indirect=False),
+                Callback(lambda reply: asked.took(_said(reply)), asked.end, indirect=False),
                 payload=payload,
                 timeout=timeout_ms / 1000,
                 # The first reply is handed on at once instead of held back until the query has ended.
@@ -164,7 +165,7 @@ class ZenohBus:
                 allowed_destination=self._where(key),
             )
         except zenoh.ZError:
-            asked.on_end()
+            asked.end()
 
     def _where(self, key: str) -> zenoh.Locality:
         # Left to itself Zenoh would ask a server on this bus and one elsewhere, both.
@@ -214,7 +215,7 @@ class ZenohBus:
         atexit.unregister(self.close)
         self._session.close()
         for asked in tuple(self._asks):
-            asked.on_end()
+            asked.end()
         self._set_connected(connected=False)
         self._await_leaving()
 
@@ -280,66 +281,12 @@ class _ZenohRequest:
             query.drop()
 
 
-class _Ask:
-    """One question in flight; hands on the first outcome and forgets the rest."""
-
-    def __init__(
-        self, guard: CallbackGuard, receive: Callable[[Reply | None], None], forget: Callable[["_Ask"], None]
-    ) -> None:
-        self._guard = guard
-        self._receive = [receive]
-        self._forget = forget
-
-    def on_reply(self, reply: zenoh.Reply) -> None:
-        """Hand on a reply of the server, or Zenoh's own word that the time is up."""
-        if reply.ok is not None:
-            self._finish(Reply(reply.ok.payload.to_bytes(), ok=True))
-        elif reply.err is not None:
-            payload = reply.err.payload.to_bytes()
-            self._finish(None if payload == _TIMEOUT else Reply(payload, ok=False))
-
-    def on_end(self) -> None:
-        """Say that there is no answer, unless there was one."""
-        self._finish(None)
-
-    def _finish(self, outcome: Reply | None) -> None:
-        try:
-            receive = self._receive.pop()
-        except IndexError:
-            return
-        self._forget(self)
-        self._guard.call("ask", receive, outcome)
-
-
-class _AskAll:
-    """One question to several servers in flight; hands on every reply once all have ended."""
-
-    def __init__(
-        self,
-        guard: CallbackGuard,
-        receive: Callable[[tuple[Reply, ...]], None],
-        forget: Callable[["_AskAll"], None],
-    ) -> None:
-        self._guard = guard
-        self._receive = [receive]
-        self._forget = forget
-        self._replies: list[Reply] = []
-
-    def on_reply(self, reply: zenoh.Reply) -> None:
-        """Keep a reply; that the time is up is none."""
-        if reply.ok is not None:
-            self._replies.append(Reply(reply.ok.payload.to_bytes(), ok=True))
-        elif reply.err is not None and (payload := reply.err.payload.to_bytes()) != _TIMEOUT:
-            self._replies.append(Reply(payload, ok=False))
-
-    def on_end(self) -> None:
-        """Hand on what there is."""
-        try:
-            receive = self._receive.pop()
-        except IndexError:
-            return
-        self._forget(self)
-        self._guard.call("ask", receive, tuple(self._replies))
+def _said(reply: zenoh.Reply) -> Reply | None:
+    """Return a reply of the server; None for Zenoh's own word that the time is up."""
+    if reply.ok is not None:
+        return Reply(reply.ok.payload.to_bytes(), ok=True)
+    payload = reply.err.payload.to_bytes() if reply.err is not None else _TIMEOUT
+    return None if payload == _TIMEOUT else Reply(payload, ok=False)
 
 
 class ZenohRouter:
