@@ -74,13 +74,30 @@ class Kind(Enum):
 Distance = Annotated[int, msgspec.Meta(ge=-1)]
 
 
-_ANSWER_ROW: type[tuple[str, str, bytes]] = tuple[str, Text, bytes]
-_STEP_ROW: type[tuple[int, float, str, bytes, str, int | None, int]] = tuple[
-    Count, Finite, str, StateKey, View, Nanoseconds | None, Distance
-]
-_WHOLE_STEP_ROW: type[tuple[int, float, str, bytes, str, int | None, int, int, int]] = tuple[
-    Count, Finite, str, StateKey, View, Nanoseconds | None, Distance, Distance, Distance
-]
+# Two rows come with every step: a class is found among the readers sooner than a type of a tuple.
+class _AnswerRow(msgspec.Struct, array_like=True, forbid_unknown_fields=True, gc=False):
+    code: str
+    reason: Text
+    answer: bytes
+
+
+class _StepRow(msgspec.Struct, array_like=True, forbid_unknown_fields=True, gc=False):
+    decision: Count
+    reward: Finite
+    outcome: str
+    state: StateKey
+    view: View
+    elapsed_at_ns: Nanoseconds | None
+    distance: Distance
+
+
+class _FollowedStepRow(_StepRow, array_like=True, forbid_unknown_fields=True, gc=False):
+    action: Distance
+    undone: Distance
+
+
+_CODES = {code.value: code for code in AnswerCode}
+_OUTCOMES = {outcome.value: outcome for outcome in Outcome}
 
 
 class Record(NamedTuple):
@@ -103,11 +120,12 @@ def answer_body(code: AnswerCode, reason: str, answer: bytes) -> bytes:
 
 def read_answer_body(body: bytes) -> tuple[AnswerCode, str, bytes]:
     """Return (code, reason, answer payload) of an answer's row; raise DecodeError when it is none."""
-    code, reason, answer = _read("answer", body, _ANSWER_ROW)
-    try:
-        return AnswerCode(code), reason, answer
-    except ValueError as error:
-        raise DecodeError(DecodeFault.NOT_THE_SCHEMA, f"answer row: {printable(str(error))}") from None
+    row = _read("answer", body, _AnswerRow)
+    code = _CODES.get(row.code)
+    if code is None:
+        detail = f"answer row: {printable(repr(row.code))} is not a valid AnswerCode"
+        raise DecodeError(DecodeFault.NOT_THE_SCHEMA, detail)
+    return code, row.reason, row.answer
 
 
 def _read(kind: str, body: bytes, expected: type[T]) -> T:
@@ -153,15 +171,15 @@ def step_body(event: StepTaken, elapsed_at_ns: int | None) -> bytes:
 
 def read_step_body(body: bytes) -> tuple[StepTaken, int | None]:
     """Return a transition and the closing by the clock that led to it; raise DecodeError when it is none."""
-    followed = (-1, -1)
+    action = undone = -1
     try:
-        taken = _read("step", body, _STEP_ROW)
+        row = _read("step", body, _StepRow)
     except DecodeError:
-        whole = _read("step", body, _WHOLE_STEP_ROW)
-        taken, followed = whole[:7], whole[7:]
-    decision, reward, outcome, state, view, elapsed_at_ns, distance = taken
-    event = StepTaken(decision, reward, Outcome(outcome), state, view, distance, *followed)
-    return event, elapsed_at_ns
+        row = followed = _read("step", body, _FollowedStepRow)
+        action, undone = followed.action, followed.undone
+    outcome = _OUTCOMES.get(row.outcome) or Outcome(row.outcome)
+    event = StepTaken(row.decision, row.reward, outcome, row.state, row.view, row.distance, action, undone)
+    return event, row.elapsed_at_ns
 
 
 def digest_body(session: Session, q_sha256: str) -> bytes:
@@ -187,53 +205,74 @@ class Folded:
     events: int = 0
 
 
-def fold(records: Iterable[Record]) -> Folded | None:
+def fold(records: Iterable[tuple[str, int, bytes]]) -> Folded | None:
     """Return the session that the records of one session build, or None when it was never created.
 
     Raises: DecodeError when a body cannot be read.
     """
-    folded: Folded | None = None
-    actions: tuple[str, ...] = ()
-    numbers: dict[str, int] = {}
-    for record in records:
-        if folded is None:
-            message = decode(record.body, CreateSession)
-            actions = action_names(message.world)
-            numbers = {name: index for index, name in enumerate(actions)}
-            folded = Folded(new_session(config_of(message), len(actions)), message)
-            continue
+    folding = Folding()
+    folding.take(records)
+    return folding.folded
+
+
+class Folding:
+    """A session that is being built of its records, one part after the other.
+
+    Attributes:
+        folded: the session as far as its records were taken; None before its first.
+    """
+
+    def __init__(self) -> None:
+        self.folded: Folded | None = None
+        self._actions: tuple[str, ...] = ()
+        self._numbers: dict[str, int] = {}
+
+    def take(self, records: Iterable[tuple[str, int, bytes]]) -> None:
+        """Go on with the records that follow; after a DecodeError, of a body that cannot be read, no more."""
+        rows = iter(records)
+        if self.folded is None and (first := next(rows, None)) is not None:
+            message = decode(first[2], CreateSession)
+            self._actions = action_names(message.world)
+            self._numbers = {name: index for index, name in enumerate(self._actions)}
+            self.folded = Folded(new_session(config_of(message), len(self._actions)), message)
+        if self.folded is None:
+            return
+        kind = ""
         try:
-            _apply(folded, record, actions, numbers)
+            for kind, at_ns, body in rows:
+                self._apply(self.folded, kind, at_ns, body)
         except (UnknownAction, ValueError, TypeError, IndexError) as error:
             if isinstance(error, DecodeError):
                 raise
-            raise DecodeError(
-                DecodeFault.NOT_THE_SCHEMA, f"{record.kind} row: {printable(str(error))}"
-            ) from None
-    return folded
+            raise DecodeError(DecodeFault.NOT_THE_SCHEMA, f"{kind} row: {printable(str(error))}") from None
 
+    def _apply(self, folded: Folded, kind: str, at_ns: int, body: bytes) -> None:
+        if kind == _ANSWER:  # its body is read once, for what was said and for what was told
+            code, _, payload = read_answer_body(body)
+            effects = _happened(folded, at_ns, answer_given(decode(payload, Answer), self._numbers))
+            if code is not _told(effects):
+                folded.mismatches.append(folded.session.decision)
+        elif kind == _STEP:
+            taken, elapsed_at_ns = read_step_body(body)
+            if elapsed_at_ns is not None:
+                _happened(folded, elapsed_at_ns, WindowElapsed())
+            action = folded.session.action if taken.action < 0 else taken.action
+            folded.actions_taken.append(named(action, self._actions))
+            _happened(folded, at_ns, taken)
+        elif kind == Kind.DIGEST.value:
+            folded.digests += 1
+            if _read(kind, body, tuple[Count, Count, str])[2] != folded.session.learner.sha256():
+                folded.mismatches.append(folded.session.decision)
+        else:
+            self._apply_rare(folded, Record(kind, at_ns, body))
 
-def _apply(folded: Folded, record: Record, actions: tuple[str, ...], numbers: dict[str, int]) -> None:
-    if record.kind == Kind.DIGEST.value:
-        folded.digests += 1
-        if _read(record.kind, record.body, tuple[Count, Count, str])[2] != folded.session.learner.sha256():
-            folded.mismatches.append(folded.session.decision)
-        return
-    if record.kind == _ANSWER:  # its body is read once, for what was said and for what was told
-        code, _, payload = read_answer_body(record.body)
-        effects = _happened(folded, record.at_ns, answer_given(decode(payload, Answer), numbers))
-        if code is not _told(effects):
-            folded.mismatches.append(folded.session.decision)
-        return
-    for at_ns, event in events_of(record, numbers):
-        if isinstance(event, StepTaken):
-            taken = folded.session.action if event.action < 0 else event.action
-            folded.actions_taken.append(named(taken, actions))
-        elif isinstance(event, EpisodeBegan):
-            folded.actions_taken.clear()
-        elif isinstance(event, TeacherJoined):
-            folded.known.add(event.teacher)
-        _happened(folded, at_ns, event)
+    def _apply_rare(self, folded: Folded, record: Record) -> None:
+        for at_ns, event in events_of(record, self._numbers):
+            if isinstance(event, EpisodeBegan):
+                folded.actions_taken.clear()
+            elif isinstance(event, TeacherJoined):
+                folded.known.add(event.teacher)
+            _happened(folded, at_ns, event)
 
 
 def _happened(folded: Folded, at_ns: int, event: Event) -> tuple[Effect, ...]:
