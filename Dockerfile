@@ -35,10 +35,13 @@ COPY --from=wheel /wheel /wheel
 RUN /opt/sfid/bin/pip install --quiet --no-cache-dir --no-deps /wheel/*.whl \
     && /opt/sfid/bin/pip uninstall --quiet --yes setuptools pip
 
-# What both images are at run time. A named volume on /data or /access inherits its owner; without one nothing is kept.
+# What both images are at run time. A volume takes over the owner of where it is mounted; without one nothing
+# is kept. /logins is the router's, /access everybody else's.
 FROM ${BASE} AS runtime
 ENV PATH=/opt/sfid/bin:$PATH HOME=/tmp PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=1
-RUN install --directory --owner=10001 --group=10001 --mode=0750 /data /access
+RUN install --directory --owner=10001 --group=10001 --mode=0750 /data /access /logins \
+    /logins/environment /logins/learner /logins/aggregator /logins/gateway /logins/monitor \
+    /logins/operator /logins/teacher /logins/worker
 WORKDIR /data
 USER 10001:10001
 ENTRYPOINT ["sfid"]
