@@ -7,6 +7,7 @@
    it held, what it dropped, and how long a viewer who comes then waits for its first picture and the curves.
 2. Beside: a teacher labels as fast as it is acknowledged, at a learner and monitor in processes of their own;
    absent (no viewer), stopped (one, frozen by SIGSTOP) and ten (`--save` clients), interleaved run by run.
+   Viewers have come before the first label: each has its program loaded and the past fetched.
    Viewers run only in time that nobody else wants and save to memory, because people watch from machines of
    their own.
    Told: p50 and p99 of acknowledgements, and the ratio to absent in the median pair.
@@ -23,7 +24,7 @@ import tempfile
 import threading
 import time
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -80,8 +81,7 @@ class Monitor:
 
     def cpu_s(self) -> float:
         """CPU time so far."""
-        parts = Path(f"/proc/{self.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
-        return (int(parts[11]) + int(parts[12])) / os.sysconf("SC_CLK_TCK")
+        return cpu_s(self.process.pid)
 
     def close(self) -> None:
         """End it."""
@@ -90,6 +90,12 @@ class Monitor:
             self.process.wait(10)
         finally:
             self.process.kill()
+
+
+def cpu_s(pid: int) -> float:
+    """CPU time of a process so far."""
+    parts = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(parts[11]) + int(parts[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def _read(stream: Iterable[str], lines: queue.SimpleQueue[str]) -> None:
@@ -221,17 +227,29 @@ def _taught(rig: Rig, monitor: Monitor, session: str, viewers: str, labels: int)
         elsewhere = Path(
             stack.enter_context(tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None))
         )
-        for number in range({"absent": 0, "stopped": 1, "ten": VIEWERS}[viewers]):
-            process = stack.enter_context(viewer(elsewhere / f"{session}-{number}.rrd", monitor))
-            if viewers == "stopped":
-                PAUSE.wait(1.0)
-                process.send_signal(signal.SIGSTOP)
-        PAUSE.wait(1.0)
+        watching = [
+            stack.enter_context(viewer(elsewhere / f"{session}-{number}.rrd", monitor))
+            for number in range({"absent": 0, "stopped": 1, "ten": VIEWERS}[viewers])
+        ]
+        _have_come(watching)
+        if viewers == "stopped":
+            watching[0].send_signal(signal.SIGSTOP)
         window = WindowSpec(mode="until-answered", span_ms=1_000)
         rig.operator.create(session_config(session, window, 1_000_000))
         times = _labels(rig, session, labels)
         rig.operator.control(session, "stop")
     return statistics.median(times), percentile(times, 0.99)
+
+
+def _have_come(watching: Sequence[subprocess.Popen[bytes]]) -> None:
+    """Wait until viewers have loaded and fetched the past: their CPU time stands nearly still."""
+    until, before = time.monotonic() + WAIT_S, -1.0
+    while time.monotonic() < until:
+        PAUSE.wait(1.0)
+        now = sum(cpu_s(process.pid) for process in watching)
+        if now - before < 0.01 * max(1, len(watching)):
+            return
+        before = now
 
 
 def _labels(rig: Rig, session: str, labels: int) -> list[float]:
