@@ -150,10 +150,14 @@ class ZenohBus:
             asked.end()
             return
         self._asks.add(asked)
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            asked.took(_said(reply))
+
         try:
             self._session.get(
                 key,
-                Callback(lambda reply: asked.took(_said(reply)), asked.end, indirect=False),
+                Callback(on_reply, asked.end, indirect=False),
                 payload=payload,
                 timeout=timeout_ms / 1000,
                 # The first reply is handed on at once instead of held back until the query has ended.
