@@ -6,8 +6,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from protocol.codec import DecodeError, encode
-from protocol.journal import Kind, Record, digest_body, event_body, fold, step_body
+from protocol.codec import encode
+from protocol.journal import Kind, digest_body, event_body, step_body
 from protocol.keys import KeyNameError, Keys
 from protocol.messages import Decision, Wire
 from protocol.translate import decision_message, episode_message, step_message
@@ -15,14 +15,13 @@ from services.learner.config import LearnerConfig
 from services.learner.live import LiveSession, recovered
 from services.learner.office import Office
 from services.learner.reception import Reception
+from services.learner.recovery import Recovery
 from services.learner.standing import Standing
 from services.learner.world import WorldDesk
 from services.runtime.bus import Bus, Presence
 from services.runtime.clock import Clock
 from services.runtime.durable_loop import DurableLoop, LoopSettings
-from services.runtime.journal.errors import JournalError
 from services.runtime.journal.shard import Shard
-from sfid_core.learning.parameters import ParameterError
 from sfid_core.session.effects import (
     Announce,
     BeginEpisode,
@@ -58,17 +57,14 @@ class Learner:
 
     # ------------------------------------------------------------ life
 
-    def open(self) -> None:
-        """Rebuild every session from the journal and take up its thread; then serve."""
+    def open(self, recovery: Recovery | None = None) -> None:
+        """Rebuild every session, or go on where `recovery` is, and take up its thread; then serve.
+
+        Raises: JournalError when a session cannot be read.
+        """
         started_ns = self.loop.at_ns()
-        for name in self.shard.sessions():
-            try:
-                folded = fold(map(Record._make, self.shard.events(name)))
-            except (DecodeError, ParameterError) as error:
-                message = f"session {name}: its journal cannot be read by this version ({error})"
-                raise JournalError(message) from None
-            if folded is not None:
-                self.sessions[name] = recovered(folded, self.keys)
+        for name, folded in (recovery or Recovery()).sessions(self.shard):
+            self.sessions[name] = recovered(folded, self.keys)
         self._declare()
         for live in list(self.sessions.values()):
             if live.session.phase is not Phase.FINISHED:
@@ -255,8 +251,9 @@ def run(
     config: LearnerConfig, bus: Bus, clock: Clock, ready: Callable[[], None], stop: threading.Event
 ) -> None:
     """Open the journal, take up every session and serve until `stop` is set."""
-    with Shard.open(config.data_dir, config.shard) as shard:
+    recovery = Recovery()
+    with Shard.open(config.data_dir, config.shard, recovery.begin) as shard:
         learner = Learner(config, bus, shard, clock)
-        learner.open()
+        learner.open(recovery)
         ready()
         learner.run(stop)

@@ -66,6 +66,16 @@ def amended(records: Iterable[Record], amendments: Amendments) -> Iterator[Row]:
         yield row
 
 
+def readable_events(
+    stored: Iterable[tuple[int, str, int, bytes | None]], amendments: Amendments
+) -> Iterator[tuple[str, int, bytes]]:
+    """Yield (kind, at_ns, body) of rows (seq, kind, at_ns, body) that have a body, as readers see them."""
+    for seq, kind, at_ns, own in stored:
+        body = amendments.get(seq) if own is None else own
+        if body is not None and kind != AMENDED_KIND:
+            yield kind, at_ns, body
+
+
 def erased(record: Record) -> Record:
     """Return a row without its person, salt and body; its seal and the chain stay."""
     return record._replace(person=None, salt=None, body=None)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from services.runtime.journal.audit import Audit, audit
+from services.runtime.journal.beside import Meanwhile, audit_beside
 from services.runtime.journal.erasing import finish_erasing
 from services.runtime.journal.errors import JournalDamaged, JournalError, translated
 from services.runtime.journal.lock import read_epoch, write_epoch
@@ -20,27 +21,32 @@ class Opened(NamedTuple):
 
     Attributes:
         notes: what had to be mended, one line each.
+        read_ahead: how many of the rows were read by `meanwhile`, as they are.
     """
 
     store: Store
     mirror: Mirror
     head: Head
     notes: tuple[str, ...]
+    read_ahead: int
 
 
-def open_files(directory: Path, mirror_type: type[Mirror] = Mirror) -> Opened:
+def open_files(
+    directory: Path, mirror_type: type[Mirror] = Mirror, meanwhile: Meanwhile | None = None
+) -> Opened:
     """Create, repair or simply open the files of a shard whose lock is held.
 
     Args:
         directory: the shard.
         mirror_type: what writes the mirror.
+        meanwhile: see `audit_beside`.
 
     Raises:
         JournalNewer, JournalDamaged, JournalFull, JournalError: as for `Shard.open`.
     """
     upgraded = upgrade(directory)
     finished = finish_erasing(directory)
-    notes, found = _recovered(directory)
+    notes, found, read_ahead = _recovered(directory, meanwhile)
     notes = (*finished, *notes)
     if upgraded:
         notes = (f"{directory / SQLITE_NAME}: written by an older version, brought to this one", *notes)
@@ -49,7 +55,7 @@ def open_files(directory: Path, mirror_type: type[Mirror] = Mirror) -> Opened:
         head = store.take_over(_epoch_or_zero(directory) + 1)
         if found.head is None or (head.seq, head.chain) != (found.head.seq, found.head.chain):
             # An older owner, cut off only now, committed while the files were read.
-            found = _sound(directory)
+            found, read_ahead = _sound(directory), 0
         if found.ahead:
             store.advance(head.epoch, found.ahead[-1])
             store.commit(found.ahead)
@@ -63,7 +69,8 @@ def open_files(directory: Path, mirror_type: type[Mirror] = Mirror) -> Opened:
     except BaseException:
         store.close()
         raise
-    return Opened(store, mirror, head._replace(seq=found.seq, chain=found.chain), (*notes, *mended))
+    head = head._replace(seq=found.seq, chain=found.chain)
+    return Opened(store, mirror, head, (*notes, *mended), read_ahead)
 
 
 def _opened_mirror(
@@ -88,14 +95,17 @@ def _opened_mirror(
     return mirror, notes
 
 
-def _recovered(directory: Path) -> tuple[tuple[str, ...], Audit]:
+def _recovered(directory: Path, meanwhile: Meanwhile | None) -> tuple[tuple[str, ...], Audit, int]:
     if not any((directory / name).exists() for name in (SQLITE_NAME, MIRROR_NAME)):
         _create(directory)
-    found = audit(directory, live=False)
+    if meanwhile is None:
+        found, read_ahead = audit(directory, live=False), 0
+    else:
+        found, read_ahead = audit_beside(directory, meanwhile)
     if not found.problems:
-        return (), found
+        return (), found, read_ahead
     rebuilt = rebuild(directory)
-    return (*found.problems, *rebuilt), _sound(directory)
+    return (*found.problems, *rebuilt), _sound(directory), 0
 
 
 def _sound(directory: Path) -> Audit:

@@ -15,7 +15,9 @@ from services.runtime.journal.amend import (
     amended,
     amendment_bodies,
     read_amendments,
+    readable_events,
 )
+from services.runtime.journal.beside import Meanwhile
 from services.runtime.journal.chain import BODY_BYTES_MAX, UNIQUE_BYTES, Row
 from services.runtime.journal.erasing import begin_erasing
 from services.runtime.journal.errors import (
@@ -54,12 +56,13 @@ class Shard:
         epoch: this writer's number; every later owner has a higher one.
         syncs: how many syncs commits have asked the disk for, two a commit.
         notes: what opening had to mend, one line each.
+        read_ahead: how many rows `meanwhile` was shown that are just what the journal holds.
         mirror_type: what writes the mirror.
     """
 
     mirror_type: type[Mirror] = Mirror
 
-    def __init__(self, directory: Path, lock: ShardLock) -> None:
+    def __init__(self, directory: Path, lock: ShardLock, meanwhile: Meanwhile | None = None) -> None:
         """Take over the files in `directory` under its `lock`; callers use `Shard.open`."""
         self.directory = directory
         self.syncs = 0
@@ -67,18 +70,21 @@ class Shard:
         self._closed = False
         self._suspect = False
         self._missed: tuple[str, bytes] | None = None
-        self._store, self._mirror, self._head, self.notes = open_files(directory, self.mirror_type)
+        opened = open_files(directory, self.mirror_type, meanwhile)
+        self._store, self._mirror, self._head, self.notes, self.read_ahead = opened
         self.epoch = self._head.epoch
         self._group = Group(self._head.seq, self._head.chain)
         self._amendments = self._read_amendments()
 
     @classmethod
-    def open(cls, data_dir: Path, shard: int = 0) -> Self:
+    def open(cls, data_dir: Path, shard: int = 0, meanwhile: Meanwhile | None = None) -> Self:
         """Open or create a shard as its only writer, repairing what a crash or a damaged file left.
 
         Args:
             data_dir: the deployment's directory; created with mode 0700.
             shard: its number, from 0.
+            meanwhile: reads rows of a large shard while they are still being proven; what it made of them
+                stands if `read_ahead` then counts them, and is to be forgotten if it is 0.
 
         Raises:
             JournalLocked: another process owns it.
@@ -92,7 +98,7 @@ class Shard:
             directory.mkdir(mode=0o700, exist_ok=True)
         lock = ShardLock(directory)
         try:
-            return cls(directory, lock)
+            return cls(directory, lock, meanwhile)
         except BaseException:
             lock.release()
             raise
@@ -193,18 +199,16 @@ class Shard:
             if record.seq > after_seq and session in (None, record.session):
                 yield record.row
 
-    def events(self, session: str) -> Iterator[tuple[str, int, bytes]]:
+    def events(self, session: str, after_seq: int = 0) -> Iterator[tuple[str, int, bytes]]:
         """Yield (kind, at_ns, body) of a session's rows that have a body, in order, as `rows` shows them.
 
         Several times faster than `rows`, for those who rebuild a long session.
         """
-        amendments, pending = self._amendments, tuple(self._group.records)
-        for seq, kind, at_ns, stored in self._store.events(session, self._head.seq):
-            body = amendments.get(seq) if stored is None else stored
-            if body is not None and kind != AMENDED_KIND:
-                yield kind, at_ns, body
+        pending = tuple(self._group.records)
+        stored = self._store.events(session, after_seq, self._head.seq)
+        yield from readable_events(stored, self._amendments)
         for record in pending:
-            if record.session == session and record.body is not None:
+            if record.seq > after_seq and record.session == session and record.body is not None:
                 yield record.kind, record.at_ns, record.body
 
     def erase(
@@ -245,7 +249,7 @@ class Shard:
         self._mirror.close()
         self._lock.check()
         # Opening finds the marker and writes both files anew.
-        self._store, self._mirror, self._head, notes = open_files(self.directory, self.mirror_type)
+        self._store, self._mirror, self._head, notes, _ = open_files(self.directory, self.mirror_type)
         self.epoch = self._head.epoch
         self.notes = (*self.notes, *notes)
         self._group.restart(self._head.seq, self._head.chain)
@@ -300,7 +304,7 @@ class Shard:
         # What the failed group left in the mirror was perhaps never synced; it is written again.
         with translated(path):
             os.truncate(path, self._mirror.end)
-        self._store, self._mirror, head, notes = open_files(self.directory, self.mirror_type)
+        self._store, self._mirror, head, notes, _ = open_files(self.directory, self.mirror_type)
         # A page whose sync failed may be only in memory though it reads well; this writes every one again.
         self._store.checkpoint()
         written = head.seq - before.seq

@@ -149,16 +149,12 @@ class Store:
         with translated(self.path):
             yield from read_records(self._db, session, after_seq, through_seq)
 
-    def events(self, session: str, through_seq: int) -> Iterator[tuple[int, str, int, bytes | None]]:
+    def events(
+        self, session: str, after_seq: int, through_seq: int
+    ) -> Iterator[tuple[int, str, int, bytes | None]]:
         """Yield (seq, kind, at_ns, body) of a session's committed rows in order."""
-        after_seq = 0
         with translated(self.path):
-            while True:
-                batch = self._db.execute(_EVENTS, (session, after_seq, through_seq)).fetchall()
-                yield from batch
-                if len(batch) < BATCH_ROWS:
-                    return
-                after_seq = batch[-1][0]
+            yield from read_events(self._db, session, after_seq, through_seq)
 
     def amended_rows(self) -> list[tuple[int, str, bytes]]:
         """Return (seq, session, body) of the rows that say what is read in place of erased ones."""
@@ -168,9 +164,7 @@ class Store:
     def sessions(self) -> list[str]:
         """Return the sessions that have committed rows, sorted."""
         with translated(self.path):
-            return [
-                name for (name,) in self._db.execute("SELECT DISTINCT session FROM rows ORDER BY session")
-            ]
+            return read_sessions(self._db)
 
     def checkpoint(self) -> None:
         """Write every page from the WAL into the database file, with fresh writes and syncs of both."""
@@ -317,6 +311,23 @@ def read_tuples(
         if len(batch) < BATCH_ROWS:
             return
         after_seq = batch[-1][0]
+
+
+def read_events(
+    db: sqlite3.Connection, session: str, after_seq: int, through_seq: int
+) -> Iterator[tuple[int, str, int, bytes | None]]:
+    """Yield (seq, kind, at_ns, body) of a session's rows in order; raises sqlite3.Error."""
+    while True:
+        batch = db.execute(_EVENTS, (session, after_seq, through_seq)).fetchall()
+        yield from batch
+        if len(batch) < BATCH_ROWS:
+            return
+        after_seq = batch[-1][0]
+
+
+def read_sessions(db: sqlite3.Connection) -> list[str]:
+    """Return the sessions that have rows, sorted; raises sqlite3.Error."""
+    return [name for (name,) in db.execute("SELECT DISTINCT session FROM rows ORDER BY session")]
 
 
 def read_amended_rows(db: sqlite3.Connection) -> list[tuple[int, str, bytes]]:
