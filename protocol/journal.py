@@ -42,7 +42,6 @@ from sfid_core.session.events import (
     WindowElapsed,
 )
 from sfid_core.session.machine import advance
-from sfid_core.session.measures import EpisodeMeasures
 from sfid_core.session.state import Session, new_session
 
 T = TypeVar("T")
@@ -195,8 +194,6 @@ class Folded:
     config: CreateSession
     actions_taken: list[str] = field(default_factory=list)
     """Names of the actions executed in the running episode, to restore an environment from."""
-    episodes_at: list[tuple[int, int, EpisodeMeasures]] = field(default_factory=list)
-    """(at_ns, decision after it, measures) of each finished episode."""
     known: set[str] = field(default_factory=set)
     """Everybody who ever joined."""
     digests: int = 0
@@ -278,10 +275,7 @@ class Folding:
 def _happened(folded: Folded, at_ns: int, event: Event) -> tuple[Effect, ...]:
     session = folded.session
     folded.events += 1
-    done = len(session.episodes)
     _, effects = advance(session, at_ns, event)
-    if len(session.episodes) > done:
-        folded.episodes_at.append((at_ns, session.decision, session.episodes[-1]))
     return effects
 
 

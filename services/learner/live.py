@@ -6,7 +6,6 @@ from protocol.journal import Folded
 from protocol.keys import Keys
 from protocol.messages import CreateSession
 from protocol.translate import action_names, config_of
-from sfid_core.session.measures import EpisodeMeasures
 from sfid_core.session.state import Session, new_session
 
 
@@ -24,7 +23,6 @@ class LiveSession:
     """Teachers who ever joined: one whose token comes back is present again without asking."""
     actions_taken: list[str] = field(default_factory=list)
     """Names of the actions executed in the running episode, to restore an environment from."""
-    episodes_at: list[tuple[int, int, EpisodeMeasures]] = field(default_factory=list)
     sequence: int = 0
     elapsed_at_ns: int | None = None
     """A closing by the clock that waits to be journaled with the step it leads to."""
@@ -57,5 +55,4 @@ def recovered(folded: Folded, keys: Keys) -> LiveSession:
     live.session = folded.session
     live.known = folded.known
     live.actions_taken = folded.actions_taken
-    live.episodes_at = folded.episodes_at
     return live

@@ -153,7 +153,7 @@ class Office:
 
     def _report(self, live: LiveSession, first: int) -> SessionReport:
         session = live.session
-        shown = live.episodes_at[first : first + EPISODES_A_REPORT]
+        shown = session.episodes.ended(first, EPISODES_A_REPORT)
         counts = self._learner.reception.desk.malformed
         malformed = {sender: count for (name, sender), count in counts.items() if name == live.name}
         return SessionReport(

@@ -137,7 +137,8 @@ class Reception:
                 printable(message.client) or "client unnamed",
             )
         at_ns = learner.loop.at_ns()
-        latest = live.episodes_at[-EPISODES_SHOWN:]
+        first = max(0, len(session.episodes) - EPISODES_SHOWN)
+        latest = session.episodes.ended(first, EPISODES_SHOWN)
         welcome = Welcome(
             session=live.name,
             epoch=session.epoch,

@@ -181,7 +181,6 @@ class Learner:
         self.bus.publish(live.measures_key, encode(message))
 
     def _episode_done(self, live: LiveSession, at_ns: int, measures: Any) -> None:  # noqa: ANN401 - EpisodeMeasures
-        live.episodes_at.append((at_ns, live.session.decision, measures))
         self._publish_measures(live, episode_message(measures, live.session, at_ns))
         done = measures.episode + 1
         if done & (done - 1) == 0:  # 1, 2, 4, 8 ...: a growing table is hashed a bounded number of times

@@ -301,12 +301,12 @@ def _go_on(
     _forget_answers(session)
     if taken.outcome is Outcome.RUNNING:
         return (StepDone(measures), *_open(session, at_ns))
-    return (StepDone(measures), *_end_episode(session, taken))
+    return (StepDone(measures), *_end_episode(session, at_ns, taken))
 
 
-def _end_episode(session: Session, taken: StepTaken) -> Effects:
+def _end_episode(session: Session, at_ns: int, taken: StepTaken) -> Effects:
     measures = session.tally.measures(session.episode, session.optimal_steps, taken.outcome)
-    session.episodes.append(measures)
+    session.episodes.append(at_ns, session.decision, measures)
     session.episode += 1
     if session.episode == session.config.episodes:
         return (EpisodeDone(measures), *_finish(session))

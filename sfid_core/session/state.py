@@ -8,8 +8,9 @@ from sfid_core.learning.kernels import Evidence
 from sfid_core.learning.learner import Learner, learner_draws
 from sfid_core.learning.methods import method_named
 from sfid_core.session.config import SessionConfig, Window
+from sfid_core.session.episodes import EpisodeLog
 from sfid_core.session.events import StepTaken
-from sfid_core.session.measures import EpisodeMeasures, EpisodeTally, LabelCounts
+from sfid_core.session.measures import EpisodeTally, LabelCounts
 from sfid_core.teaching.answers import Answer, AnswerKind
 
 
@@ -81,7 +82,7 @@ class Session:
     deadlines_ns: dict[int, int | None] = field(default_factory=dict)
     """Deadlines of the latest decisions, to tell superseded answers from late ones; None: no deadline."""
     tally: EpisodeTally = field(default_factory=EpisodeTally)
-    episodes: list[EpisodeMeasures] = field(default_factory=list)
+    episodes: EpisodeLog = field(default_factory=EpisodeLog)
     counts: LabelCounts = field(default_factory=LabelCounts)
     teaching_ns: int = 0
     """Time from the opening of decisions to their update, summed: pauses between decisions and down-time are

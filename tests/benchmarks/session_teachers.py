@@ -103,9 +103,7 @@ class Lesson:
         self._measured = (0.0, float("inf"))
         self._join(self._teachers[0])
         until = time.perf_counter() + DRAIN_S
-        self._turn_until(
-            lambda: len(self.tally.latencies_us) >= answers or time.perf_counter() > until
-        )
+        self._turn_until(lambda: len(self.tally.latencies_us) >= answers or time.perf_counter() > until)
         self._measured = (0.0, 0.0)
         self._turn_until(lambda: not self._waiting or time.perf_counter() > until)
         return self.tally
@@ -221,7 +219,7 @@ class Lesson:
 
 
 def raw(bus: ZenohBus, rate: float, seconds: float) -> list[int]:
-    """Return the times in us of bare queries, sent at an even rate, whether earlier ones are answered or not."""
+    """Return the times in us of bare queries, sent at an even rate and not one after the other."""
     done: queue.SimpleQueue[tuple[float, float, bool]] = queue.SimpleQueue()
     begun, count = time.perf_counter(), int(rate * seconds)
     for number in range(count):

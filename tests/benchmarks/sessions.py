@@ -144,7 +144,8 @@ def clients(deployed: launch.Deployed, count: int) -> Iterator[list[Client]]:
 
 def config(name: str, number: int, window: WindowSpec, teachers_min: int = 1) -> CreateSession:
     """Return a session with a seed of its own."""
-    return msgspec.structs.replace(rig.session_config(name, window, 100_000, teachers_min), seed=number)
+    made: CreateSession = rig.session_config(name, window, 100_000, teachers_min)
+    return msgspec.structs.replace(made, seed=number)
 
 
 def create(house: House, configs: list[CreateSession]) -> float:
@@ -181,16 +182,17 @@ def resident_bytes(pid: int) -> int:
 
 def taught(sessions: int, seconds: float) -> dict[str, Any]:
     """Return the figures of so many sessions, taught in fresh services."""
-    with house() as running, rig.bare(running.deployed.endpoint, "echo"):
-        with clients(running.deployed, min(CLIENTS, sessions)) as teachers:
-            rate = sessions * 1000 / WINDOW_MS
-            raw = _raw(teachers, rate)
-            window = WindowSpec(mode="full", span_ms=WINDOW_MS)
-            names = [f"s{number}" for number in range(sessions)]
-            made_s = create(running, [config(name, number, window) for number, name in enumerate(names)])
-            told, cpu = _teach(running, teachers, names, seconds)
-            submitted = running.status().labels.submitted
-            resident = resident_bytes(running.pid("learner"))
+    with ExitStack() as stack:
+        running = stack.enter_context(house())
+        stack.enter_context(rig.bare(running.deployed.endpoint, "echo"))
+        teachers = stack.enter_context(clients(running.deployed, min(CLIENTS, sessions)))
+        raw = _raw(teachers, sessions * 1000 / WINDOW_MS)
+        window = WindowSpec(mode="full", span_ms=WINDOW_MS)
+        names = [f"s{number}" for number in range(sessions)]
+        made_s = create(running, [config(name, number, window) for number, name in enumerate(names)])
+        told, cpu = _teach(running, teachers, names, seconds)
+        submitted = running.status().labels.submitted
+        resident = resident_bytes(running.pid("learner"))
     latencies = [value / 1000 for each in told for value in each["latencies_us"]]
     lateness = [value / 1000 for each in told for value in each["late_us"]]
     sent = sum(each["sent"] for each in told)

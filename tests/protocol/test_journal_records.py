@@ -127,7 +127,7 @@ def test_rows_fold_to_the_session_they_tell() -> None:
     assert folded is not None
     assert (folded.config, folded.known, folded.events, folded.digests) == (CONFIG, {"ann"}, 5, 1)
     assert (folded.mismatches, len(folded.actions_taken), folded.session.decision) == ([], 1, 1)
-    assert [(at_ns, decision) for at_ns, decision, _ in folded.episodes_at] == [(6, 1)]
+    assert [(at_ns, decision) for at_ns, decision, _ in folded.session.episodes.ended(0, 9)] == [(6, 1)]
 
 
 def test_no_rows_are_no_session() -> None:
