@@ -148,6 +148,8 @@ def _back(count: int, root: Path) -> Outcome:
     found = restart.kill_and_ask(count, root)
     slow = _too_long("restart", count, found.processor_s, BACK_SECONDS_MAX)
     result = f"after {found.seconds} s, {found.processor_s} s of processor time"
+    if found.beside_s:
+        result += f", beside it {found.beside_s} s for the proof of the journal"
     return Outcome(count, result, _broken(another_row=not found.same, too_slow_s=slow))
 
 

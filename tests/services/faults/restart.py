@@ -32,6 +32,8 @@ class Back(NamedTuple):
     """From its start to the acknowledgement of an answer that was acknowledged before."""
     processor_s: float
     """What the learner computed for it; on a quiet machine it takes hardly longer."""
+    beside_s: float
+    """What the process computed that proves the journal meanwhile, on another processor if there is one."""
     same: bool
     """Whether that acknowledgement names the answer's own row."""
 
@@ -61,16 +63,18 @@ def kill_and_ask(labels: int, data: Path) -> Back:
         began = time.monotonic()
         second = _process(stack, *command)
         reply = _acknowledged(bus, written.last)
-        seconds, processor_s = time.monotonic() - began, _processor_s(second.pid)
+        seconds, (processor_s, beside_s) = time.monotonic() - began, _processor_s(second.pid)
     told = decode(reply, Acknowledgement)
     # Behind the last answer stand its step and the digest.
     same = (told.code, told.journal_seq) == ("accepted", written.rows - 2)
-    return Back(labels, round(seconds, 2), round(processor_s, 2), same)
+    return Back(labels, round(seconds, 2), round(processor_s, 2), round(beside_s, 2), same)
 
 
-def _processor_s(pid: int) -> float:
+def _processor_s(pid: int) -> tuple[float, float]:
+    """Return what a process has computed, and what its ended children have."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    own, beside, tick = fields[11:13], fields[13:15], os.sysconf("SC_CLK_TCK")
+    return sum(map(int, own)) / tick, sum(map(int, beside)) / tick
 
 
 def prove(labels: int, data: Path) -> Proof:
