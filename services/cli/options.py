@@ -12,7 +12,10 @@ from services.runtime.zenoh_config import DEFAULT_ENDPOINT
 from sfid_core.learning.methods import METHODS
 from sfid_core.learning.parameters import Value
 
-Connect = Annotated[str, typer.Option(help="Endpoint of the router, tcp/HOST:PORT.", show_default=True)]
+Connect = Annotated[
+    str,
+    typer.Option(envvar="SFID_CONNECT", help="Endpoint of the router, tcp/HOST:PORT.", show_default=True),
+]
 Access = Annotated[
     Path | None,
     typer.Option(
