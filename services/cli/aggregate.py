@@ -10,6 +10,7 @@ import typer
 from protocol.journal import Record
 from protocol.who_said import Saying, said_to_a_crowd, said_to_a_learner
 from services.cli.failure import NOT_SO, CommandError
+from services.cli.journaled import no_such_session, session_names
 from services.cli.options import (
     ENDPOINT,
     Access,
@@ -124,9 +125,12 @@ def said(
     as_json: Json = False,
 ) -> None:
     """Tell who said what, when it was shown and when it was answered, to the learner and to its crowds."""
-    rows = [_row(saying) for saying in _sayings(directory, session)]
+    # By decision: what members of a crowd said stands beside what came of it.
+    rows = sorted((_row(saying) for saying in _sayings(directory, session)), key=lambda row: row["decision"])
     if not rows:
-        message = f"{directory}: nobody has said anything in a session {session}: name one that was taught"
+        if session not in session_names(directory):
+            raise no_such_session(directory, session, NOT_SO)
+        message = f"{directory}: nobody has said anything in session {session} yet: `sfid teach` teaches it"
         raise CommandError(message, NOT_SO)
     if as_json:
         print_json({"session": session, "said": rows})

@@ -57,8 +57,7 @@ def teachers(name: Name = None, as_json: Json = False) -> None:
 
 def asks(method: Method) -> str:
     """Return what a method asks of teachers, before and after the action."""
-    kinds = [kind.value for kind in (method.asks_before, method.asks_after) if kind is not None]
-    return " and ".join(kinds) or "nothing"
+    return " and ".join(kind.value for kind in method.asks) or "nothing"
 
 
 def _show_method(method: Method, *, as_json: bool) -> None:
@@ -112,7 +111,7 @@ def parameter_rows(parameters: Any) -> list[dict[str, Value]]:  # noqa: ANN401 -
 def _method_document(method: Method) -> dict[str, Any]:
     return {
         "method": method.name,
-        "asks": [kind.value for kind in (method.asks_before, method.asks_after) if kind is not None],
+        "asks": [kind.value for kind in method.asks],
         "summary": method.summary,
         "source": method.source,
         "parameters": parameter_rows(method.parameters()),

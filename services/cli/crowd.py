@@ -2,6 +2,7 @@
 
 import csv
 from enum import StrEnum
+from itertools import islice
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated, Any, NamedTuple
@@ -17,6 +18,7 @@ from sfid_core.crowd.outcome import accuracy, decided
 from sfid_core.learning.parameters import ParameterError
 
 WORKERS_SHOWN = 5
+LABELS_SHOWN = 10
 
 crowd_app = typer.Typer(
     help="What many people's labels come to, and whom to believe.",
@@ -145,5 +147,12 @@ def _print_summary(document: dict[str, Any]) -> None:
     print("least reliable workers:")
     for row in least:
         print(f"  {row['worker']:<24} {row['reliability']:.3f} +- {row['standard_error']:.3f}")
-    if isinstance(document["labels"], str):
-        print(f"labels in {document['labels']}")
+    labels = document["labels"]
+    if isinstance(labels, str):
+        print(f"labels in {labels}")
+        return
+    print("labels:")
+    for task, label in islice(labels.items(), LABELS_SHOWN):
+        print(f"  {task:<24} {'(abstained)' if label is None else label}")
+    if len(labels) > LABELS_SHOWN:
+        print(f"  and {len(labels) - LABELS_SHOWN} more: --out FILE.csv writes all, --json prints them")

@@ -1,6 +1,7 @@
 """`sfid experiment session`: one session's configuration over many seeds, with simulated teachers."""
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -109,8 +110,11 @@ def session(  # noqa: PLR0917 - one argument a flag
         level, method, episodes, starts, parameter, goal_reward, step_reward, deadlock_reward, steps_max
     )
     condition = _condition(past, flags, first, name, teacher)
+    absent = () if past is None else absent_teachers(past.teachers, condition.teachers)
+    if absent:
+        print(f"note: {_instead(absent, condition)}", file=sys.stderr, flush=True)
     run = run_all([condition], numbers, workers, out, plain=no_compile)
-    _report(condition, run, numbers, out, as_json=as_json)
+    _report(condition, run, numbers, out, absent, as_json=as_json)
 
 
 def _condition(
@@ -125,7 +129,29 @@ def _condition(
     return Condition(wanted, config, {one: persona_named(one) for one in people})
 
 
-def _report(condition: Condition, run: Run, seeds: Sequence[int], out: Path | None, *, as_json: bool) -> None:
+def absent_teachers(recorded_teachers: Sequence[str], taught_by: Iterable[str]) -> tuple[str, ...]:
+    """Return who taught the recorded session and does not teach the experiment."""
+    taught = set(taught_by)
+    return tuple(one for one in recorded_teachers if one not in taught)
+
+
+def _instead(absent: Sequence[str], condition: Condition) -> str:
+    teachers = ", ".join(condition.teachers) or "nobody"
+    return (
+        f"{', '.join(absent)} taught the recorded session and cannot be simulated by name: here "
+        f"{teachers} teaches; choose with --teacher"
+    )
+
+
+def _report(
+    condition: Condition,
+    run: Run,
+    seeds: Sequence[int],
+    out: Path | None,
+    absent: Sequence[str],
+    *,
+    as_json: bool,
+) -> None:
     from services.cli.experiment_files import write_curve_files
     from sfid_core.experiments.condition import arm_of
     from sfid_core.experiments.intervals import Resampling
@@ -136,6 +162,7 @@ def _report(condition: Condition, run: Run, seeds: Sequence[int], out: Path | No
     files = [] if out is None else write_curve_files(out, arms, [summary], seeds)
     if as_json:
         document: dict[str, Any] = {"seconds": run.seconds, "sha256": run.sha256} | summary.document()
+        document["teachers"] = {"simulated": list(condition.teachers), "absent": list(absent)}
         print_json(document | {"files": [str(path) for path in files]})
         return
     console = Console()

@@ -130,7 +130,7 @@ def claim_folder(folder: Path, conditions: Sequence[Runnable], seeds: Sequence[i
     note.write_text(json.dumps({"what": what, "sha256": digest}) + "\n", encoding="utf-8")
 
 
-LINE_EVERY_S = 10.0
+LINE_EVERY_S = 3.0
 """How often progress is told where no bar can be drawn: in a log, through a pipe."""
 
 

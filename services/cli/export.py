@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from services.cli.failure import CommandError
+from services.cli.journaled import no_such_session, session_names
 from services.cli.options import Json, print_json
 
 
@@ -103,15 +104,9 @@ def _data(directory: Path, name: str, form: Format, out: Path) -> Written:
 
 
 def _the_session(directory: Path, session: str | None) -> str:
-    from services.monitor.replayed import journaled_sessions
-
-    names = journaled_sessions(directory)
-    if not names:
-        raise CommandError(f"{directory}: no session in this journal: name the --data directory of a learner")
+    names = session_names(directory)
     if session is None and len(names) == 1:
         return names[0]
     if session in names:
         return str(session)
-    shown = ", ".join(names[:10]) + (" ..." if len(names) > 10 else "")
-    what = "holds several sessions" if session is None else f"no session {session}"
-    raise CommandError(f"{directory}: {what}: choose one with --session: {shown}")
+    raise no_such_session(directory, session)

@@ -9,8 +9,10 @@ from typing import Annotated, Any
 import typer
 
 from protocol.keys import checked
-from services.cli.failure import CommandError
+from services.cli.failure import NOT_SO, CommandError
+from services.cli.next_command import suggested
 from services.cli.options import (
+    DATA,
     ENDPOINT,
     Access,
     Connect,
@@ -24,7 +26,8 @@ from services.cli.options import (
 from services.cli.waiting import service_bus
 from services.topology import Role as BusRole
 
-DATA = Path("sfid-data/up")
+PEOPLE = 30
+"""Who may use a link without a name, unless told otherwise: a class."""
 
 
 def add_to(app: typer.Typer) -> None:
@@ -89,7 +92,10 @@ def gateway(  # noqa: PLR0917 - one argument a flag
 def invite(  # noqa: PLR0917 - one argument a flag
     session: Annotated[str, typer.Option(help="Session to teach.")] = "",
     name: Annotated[str | None, typer.Option(help="Invite one person, under this name.")] = None,
-    people: Annotated[int, typer.Option(help="How many people may use the one link, 1 to 100,000.")] = 30,
+    people: Annotated[
+        int | None,
+        typer.Option(help=f"How many people may use the one link, 1 to 100,000. Default: {PEOPLE}."),
+    ] = None,
     hours: Annotated[float, typer.Option(help="How long the link is good for.")] = 24.0,
     qr: Annotated[bool, typer.Option(help="Draw the link as a QR code, to be scanned.")] = True,
     revoke: Annotated[
@@ -110,19 +116,25 @@ def invite(  # noqa: PLR0917 - one argument a flag
             return
         if not session:
             raise CommandError("no session: name the one to teach with --session")
-        made = _link(data, checked(session, "session"), name, people, hours, url)
+        if name is not None and people not in {None, 1}:
+            raise CommandError(
+                f"--people {people} with --name {name}: a name is one person's; leave one of the two out, or "
+                "invite each by their own name"
+            )
+        given = PEOPLE if people is None else people
+        made = _link(data, checked(session, "session"), name, given, hours, url)
     except GatewayError as error:
         raise CommandError(str(error)) from None
     if not _is_there(data, session):
         print(
             f"no session {session} in {data} yet: whoever follows the link waits until there is one "
-            f"(`sfid session create {session}`)",
+            f"({suggested(f'session create {session}')} on its router creates it)",
             file=sys.stderr,
         )
     if as_json:
         print_json(made)
         return
-    _print_link(made, qr=qr)
+    _print_link(made, data, qr=qr)
 
 
 def _is_there(data: Path, session: str) -> bool:
@@ -135,12 +147,26 @@ def _is_there(data: Path, session: str) -> bool:
         return False
 
 
+def _address(data: Path) -> str:
+    """Return where the page of the deployment is; raise with the mend where there is none."""
+    from services.gateway.config import GatewayError
+    from services.gateway.service import read_status
+
+    try:
+        return str(read_status(data)["url"])
+    except GatewayError:
+        message = (
+            f"{data}: no gateway has run here: start one with {suggested('up --gateway', data=data)}, "
+            "name its data directory with --data, or say with --url where the page is"
+        )
+        raise CommandError(message, NOT_SO) from None
+
+
 def _link(
     data: Path, session: str, name: str | None, people: int, hours: float, url: str | None
 ) -> dict[str, Any]:
     from protocol.identity import Identity, Role
     from services.cli.keys import expiry_s, issued, person
-    from services.gateway.service import read_status
     from services.runtime.register import new_token_id
 
     if not 1 <= people <= 100_000:
@@ -152,7 +178,7 @@ def _link(
             role=Role.INVITATION, session=session, expires_s=expiry_s(hours), token_id=new_token_id(),
             people=people,
         )  # fmt: skip
-    address = url or str(read_status(data)["url"])
+    address = url or _address(data)  # before the token is handed out: nothing is, where there is no page
     token = issued(data, one)
     return {
         "url": f"{address.rstrip('/')}/#t={token}",
@@ -164,14 +190,14 @@ def _link(
     }
 
 
-def _print_link(made: dict[str, Any], *, qr: bool) -> None:
+def _print_link(made: dict[str, Any], data: Path, *, qr: bool) -> None:
     if qr:
         print(_qr_code(made["url"]))
     until = time.strftime("%Y-%m-%d %H:%M", time.localtime(made["expires_s"]))
     whom = f"{made['name']} alone" if made["name"] else f"up to {made['people']} people"
     print(made["url"])
     print(f"for {whom}, to teach {made['session']} until {until}; id {made['id']}")
-    print(f"withdraw it: `sfid invite --revoke {made['id']}`")
+    print(f"withdraw it: {suggested('invite --revoke ' + made['id'], data=data)}")
 
 
 def _qr_code(text: str) -> str:
@@ -208,7 +234,7 @@ def _show_status(data: Path, *, as_json: bool) -> None:
     try:
         found = read_status(data)
     except GatewayError as error:
-        raise CommandError(str(error), 1) from None
+        raise CommandError(str(error), NOT_SO) from None
     found["age_s"] = max(0, int(time.time()) - found["at_s"])
     if as_json:
         print_json(found)

@@ -2,16 +2,20 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from protocol.codec import DecodeError
 from services.cli.failure import NOT_SO, CommandError
+from services.cli.journaled import no_such_session
 from services.cli.options import Json, Parameter, given_parameters, print_json
 from services.replay import Replayed, ReplayedCrowd, replay_crowds, replay_directory
 from services.runtime.journal import verify as verify_journal
 from sfid_core.learning.parameters import Value
+
+if TYPE_CHECKING:
+    from services.experiments.other_method import Misfit
 
 
 def add_to(app: typer.Typer) -> None:
@@ -50,7 +54,7 @@ def replay(
         message = f"{directory}: a row cannot be read ({error}): `sfid verify {directory}` tells where"
         raise CommandError(message, NOT_SO) from None
     if not replayed:
-        raise _no_session(directory, session)
+        raise no_such_session(directory, session)
     if json:
         print_json(
             {"sessions": [_row(one) for one in replayed], "crowds": [_crowd_row(one) for one in crowds]}
@@ -67,11 +71,6 @@ def replay(
             print(f"{crowd.session}, crowd {crowd.aggregator}: {counts}: {verdict}")
     if verify and not (all(one.matches for one in replayed) and all(one.matches for one in crowds)):
         raise typer.Exit(NOT_SO)
-
-
-def _no_session(directory: Path, session: str | None) -> CommandError:
-    what = "no session" if session is None else f"no session {session}"
-    return CommandError(f"{directory}: {what} in this journal: name the --data directory of a learner")
 
 
 OFF_POLICY = (
@@ -101,13 +100,11 @@ def _replay_with(
         message = f"{directory}: a row cannot be read ({error}): `sfid verify {directory}` tells where"
         raise CommandError(message, NOT_SO) from None
     if not found:
-        raise _no_session(directory, session)
+        raise no_such_session(directory, session)
     misfits = [one for one in found if isinstance(one, Misfit)]
     replayed = [one for one in found if not isinstance(one, Misfit)]
     if not replayed:
-        others = f" (and {len(misfits) - 1} more sessions)" if len(misfits) > 1 else ""
-        message = f"session {misfits[0].session}{others}: {misfits[0].reason}"
-        raise CommandError(message)
+        raise CommandError(_none_fits(misfits))
     if json:
         rows = [
             {"session": one.session, "decisions": one.decisions, "answers": one.answers,
@@ -127,6 +124,17 @@ def _replay_with(
             print(f"  {role} {lesson.method}: {lesson.states} states{solves}, q_sha256 {lesson.q_sha256}")
     for misfit in misfits:
         print(f"{misfit.session}: left out: {misfit.reason}")
+
+
+def _none_fits(misfits: "list[Misfit]") -> str:
+    """Return why not one session can be learnt from, each reason once with the sessions that it holds for."""
+    sessions: dict[str, list[str]] = {}
+    for one in misfits:
+        sessions.setdefault(one.reason, []).append(one.session)
+    return "; ".join(
+        f"session{'s' if len(names) > 1 else ''} {', '.join(names)}: {reason}"
+        for reason, names in sessions.items()
+    )
 
 
 def _row(one: Replayed) -> dict[str, object]:

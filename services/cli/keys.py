@@ -10,13 +10,13 @@ import typer
 from protocol.identity import Identity, Role, check_key, is_revoked, is_token_id, sign
 from protocol.keys import checked
 from services.cli.failure import NOT_SO, CommandError
-from services.cli.options import Data, Json, print_json
+from services.cli.next_command import suggested
+from services.cli.options import DATA, Data, Json, print_json
 from services.operations.withdrawal import revoke_person
 from services.runtime.register import Issued, Register, new_token_id
 from services.runtime.secret import FOLDER, load_secrets
 from services.teachers.token_file import KEY_MARK
 
-DATA = Path("sfid-data/up")
 HOUR_S = 3600
 HOURS_MAX = 24 * 366
 keys_app = typer.Typer(
@@ -56,7 +56,7 @@ def new(
         return
     print(f"{path}: {name} may teach {session} until {_moment(identity.expires_s)}; id {identity.token_id}")
     print(f"they teach with: sfid teach keyboard --session {session} --name {name} --token-file {path}")
-    print(f"withdraw it: `sfid keys revoke {identity.token_id}`")
+    print(f"withdraw it: {suggested(f'keys revoke {identity.token_id}', data=data)}")
 
 
 @keys_app.command("list")

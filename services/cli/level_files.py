@@ -72,6 +72,10 @@ def _bytes_of(where: str) -> bytes:
     try:
         return Path(where).read_bytes()
     except (OSError, ValueError) as error:
+        set_or_file, _, number = where.rpartition(":")
+        if set_or_file in packaged_levels() or (set_or_file and Path(set_or_file).is_file()):
+            said = f"{where[:80]!r}: {number[:40]!r} is no level's number"
+            raise CommandError(f"{said}: they count from 0, as in {set_or_file}:0") from None
         names = ", ".join(packaged_levels())
         reason = getattr(error, "strerror", None) or error
         message = f"no level {where!r}: {reason}: name a packaged set ({names}) or a file in XSB"

@@ -23,7 +23,7 @@ Row = dict[str, Any]
 
 _REASONS = {
     False: "cannot be solved: no sequence of actions does it; move a box, a goal or a wall",
-    None: "not known to be solvable: too many states to try them all; take away a box or floor",
+    None: "not known to be solvable: too many states to try them all; take away a box or some floor",
 }
 _NAMED_MAX = 5
 """Levels at fault that the last line names; a file may have a thousand."""
@@ -83,7 +83,8 @@ def _shortest(level: Level) -> Sequence[Action] | None:
 def line(row: Row, name: str) -> str:
     """Return a row for people."""
     if "error" in row:
-        return f"{name:<16} {row['error']}"
+        fault = row["error"].removeprefix(f"{name}: ").removeprefix(f"{name.rpartition(':')[0]}: ")
+        return f"{name:<16} {fault}"
     parts = [f"{name:<16} {row['width']}x{row['height']}", _counted(row["boxes"], "box")]
     if "solvable" in row:
         steps = row["optimal_steps"]

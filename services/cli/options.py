@@ -48,6 +48,8 @@ Starts = Annotated[
 ]
 Seed = Annotated[int, typer.Option(help="Seed of every draw, 0 to 2^53-1.")]
 
+DATA = Path("sfid-data/up")
+"""Data directory of `sfid up`, unless told otherwise."""
 ENDPOINT = DEFAULT_ENDPOINT
 CONNECT_TIMEOUT_MS = 5_000
 SERVICE_CONNECT_TIMEOUT_MS = 30_000

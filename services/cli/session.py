@@ -15,6 +15,7 @@ from protocol.translate import config_of
 from services.cli.failure import NOT_SO, CommandError
 from services.cli.gym_options import Gym, GymActions, GymOption, GymRender, RewardScale, gym_world
 from services.cli.level_files import check_starts, find_level
+from services.cli.next_command import suggested
 from services.cli.options import (
     CONNECT_TIMEOUT_MS,
     ENDPOINT,
@@ -39,6 +40,7 @@ from services.cli.session_source import (
     StepsMax,
     chosen,
     condition_named,
+    experiment_words,
     scripted_commands,
     wire_world,
 )
@@ -156,7 +158,13 @@ def create(  # noqa: PLR0917 - one argument a flag
     window_mode: Annotated[str, typer.Option(help="early, full or until-answered.")] = "early",
     window_ms: Annotated[int, typer.Option(help="Window for an answer in ms, 1 to 3,600,000.")] = 5_000,
     quorum: Annotated[int, typer.Option(help="Answers that close the window; 0: everyone present.")] = 0,
-    teachers_min: Annotated[int, typer.Option(help="Teachers who must join before the first decision.")] = 1,
+    teachers_min: Annotated[
+        int | None,
+        typer.Option(
+            help="Teachers who must join before the first decision. Default: 1, or 0 for a method that asks "
+            "nobody."
+        ),
+    ] = None,
     parameter: Parameter = None,
     gym: Gym = None,
     gym_option: GymOption = None,
@@ -167,7 +175,10 @@ def create(  # noqa: PLR0917 - one argument a flag
     access: Access = None,
     deployment: Deployment = "local",
 ) -> None:
-    """Create a session; it begins when enough teachers have joined."""
+    """Create a session; it begins when enough teachers have joined.
+
+    The same session again is the same session; one of that name with another content is refused.
+    """
     window = window_spec(window_mode, window_ms, quorum)
     flags = Flags(
         level, method, episodes, starts, parameter, goal_reward, step_reward, deadlock_reward, steps_max
@@ -179,13 +190,21 @@ def create(  # noqa: PLR0917 - one argument a flag
     config = chosen(None if condition is None else condition.config, flags, seed)
     played = gym_world(gym, gym_option, gym_actions, gym_render, reward_scale, config.world.starts)
     world = played or wire_world(config.world)
-    given, lasting = dict(config.parameters), config.episodes
-    created = session_config(name, "", config.method, lasting, "", seed, window, teachers_min, given, world)
+    given, lasting, asks = dict(config.parameters), config.episodes, METHODS[config.method].asks
+    least = min(1, len(asks)) if teachers_min is None else teachers_min
+    created = session_config(name, "", config.method, lasting, "", seed, window, least, given, world)
     with operator(connect, deployment, access=access) as asked:
+        before = {row.session for row in asked.sessions().sessions}
         asked.create(created)
-    print(f"session {name} created: `sfid teach keyboard --session {name}` teaches it")
-    for command in [] if condition is None else scripted_commands(condition.teachers, name):
-        print(f"as in the experiment: `{command}`")
+    said = "was there already, just so" if name in before else "created"
+    verb, does = ("teach keyboard --session", "teaches it") if asks else ("session show", "shows how it does")
+    nobody = "" if asks else f": {config.method} asks nobody"
+    next_ = suggested(f"{verb} {name}", connect, deployment, access)
+    print(f"session {name} {said}{nobody}: {next_} {does}")
+    if condition is not None and asks:
+        as_there = experiment_words(condition.config, config)
+        for command in scripted_commands(condition.teachers, name):
+            print(f"{as_there}: {suggested(command, connect, deployment, access)}")
 
 
 @session_app.command("list")

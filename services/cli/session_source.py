@@ -15,6 +15,7 @@ from protocol.journal import Kind, Record, events_of
 from protocol.messages import CreateSession, GymWorld, World
 from protocol.translate import config_of
 from services.cli.failure import CommandError
+from services.cli.journaled import no_such_session
 from services.cli.level_files import check_starts, find_level
 from services.cli.options import given_parameters
 from sfid_core.learning.methods import METHODS
@@ -145,12 +146,8 @@ def recorded(directory: Path, session: str | None) -> Recorded:
 
     rows = [row for row in read_rows(directory, session) if row.body is not None]
     created = [row for row in rows if row.kind == Kind.CREATED.value]
-    if not created:
-        what = "no session" if session is None else f"no session {session}"
-        raise CommandError(f"{directory}: {what} in this journal: name the --data directory of a learner")
-    if len(created) > 1:
-        names = ", ".join(sorted(row.session for row in created))
-        raise CommandError(f"{directory} holds {len(created)} sessions: name one of {names} with --session")
+    if len(created) != 1:
+        raise no_such_session(directory, session)
     try:
         message = decode(created[0].body or b"", CreateSession)
     except DecodeError as error:
@@ -178,9 +175,25 @@ def condition_named(text: str) -> "Condition":
         raise CommandError(message + ", ".join(known))
     arms = {f"{one.method}+{one.teacher}": one for one in known[experiment]}
     if arm not in arms:
-        choices = ", ".join(f'"{name}"' if " " in name else name for name in arms)
-        raise CommandError(f"--like {text!r}: {experiment} has no condition {arm!r}: choose from {choices}")
+        has_not = f"has no condition {arm!r}" if arm else f"has {len(arms)} conditions"
+        choices = ", ".join(
+            f'"{experiment}:{name}"' if " " in name else f"{experiment}:{name}" for name in arms
+        )
+        raise CommandError(f"--like {text!r}: {experiment} {has_not}: choose from {choices}")
     return arms[arm]
+
+
+def experiment_words(condition: SessionConfig, config: SessionConfig) -> str:
+    """Return how near a session made from a condition is to it: its teachers are those of the condition.
+
+    The seed is no part of a condition.
+    """
+    like = replace(config, session=condition.session, seed=condition.seed, window=condition.window)
+    if like == condition:
+        return "as in the experiment"
+    if config.method != condition.method:
+        return f"taught as in the experiment, which has the method {condition.method}"
+    return "taught as in the experiment, with what the flags change"
 
 
 def _experiments() -> "dict[str, list[Condition]]":
@@ -200,9 +213,9 @@ def _experiments() -> "dict[str, list[Condition]]":
 
 
 def scripted_commands(teachers: Mapping[str, TeacherParameters], session: str) -> list[str]:
-    """Return the commands that teach a session as an experiment's simulated teachers do."""
+    """Return the commands, without `sfid`, that teach as an experiment's simulated teachers do."""
     return [
-        f"sfid teach scripted --session {session} --name {name} --persona {_persona(one)}"
+        f"teach scripted --session {session} --name {name} --persona {_persona(one)}"
         for name, one in teachers.items()
     ]
 

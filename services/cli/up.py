@@ -1,6 +1,8 @@
 """`sfid up`: a supervised set of services."""
 
 import logging
+import sys
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
@@ -9,6 +11,7 @@ import typer
 
 from services.cli import launch
 from services.cli.failure import CommandError
+from services.cli.next_command import suggested
 from services.cli.waiting import stoppable
 from services.runtime.config import Config, ConfigError, read_config
 from services.runtime.endpoint import is_loopback
@@ -70,6 +73,27 @@ def asks_for_tokens(settings: Config, listen: str | None, said: bool | None) -> 
     return not is_loopback(listen or settings.listen) if said is None else said
 
 
+def told(deployed: launch.Deployed, details: Mapping[str, str], *, crowd: bool) -> list[str]:
+    """Return what is said once everything runs: where it is and what to do next, ready to be pasted.
+
+    Args: details: addresses by service; empty where the log has just told them at the same terminal.
+    """
+    at, name = deployed.endpoint, deployed.deployment
+    lines = [f"router at {at}, data in {deployed.data}"]
+    lines += [details[service] for service in ("monitor", "gateway") if details.get(service)]
+    if crowd:
+        member = suggested("teach keyboard --session NAME", at, deployed.of_the_crowd.deployment)
+        lines.append(f"members of the crowd teach with {member}")
+    created = suggested("session create NAME", at, name)
+    teaches = suggested("teach keyboard --session NAME", at, name)
+    if deployed.require_tokens:
+        tokens = suggested("keys new PERSON --session NAME", data=deployed.data)
+        lines.append(f"next: {created}, then {tokens}, whose file goes to {teaches[:-1]} --token-file FILE`")
+    else:
+        lines.append(f"next: {created}, then {teaches}")
+    return lines
+
+
 def _run(
     deployed: launch.Deployed,
     settings: Config,
@@ -94,15 +118,9 @@ def _run(
         if settings.gateway.enabled if gateway is None else gateway:
             services.append(launch.gateway(deployed, settings.gateway))
         details = supervisor.start(*services)
-        print(f"router at {deployed.endpoint}, data in {deployed.data}", flush=True)
-        for name in ("monitor", "gateway"):
-            if details.get(name):
-                print(details[name], flush=True)
-        if with_crowd:
-            print(
-                f"members of the crowd teach with --deployment {deployed.of_the_crowd.deployment}", flush=True
-            )
-        print("next: `sfid session create NAME`, then `sfid teach keyboard --session NAME`", flush=True)
+        in_log = sys.stdout.isatty() and sys.stderr.isatty() and log.isEnabledFor(logging.INFO)
+        for line in told(deployed, {} if in_log else details, crowd=with_crowd):
+            print(line, flush=True)
         while True:
             supervisor.check()
             stop.pause(CHECK_S)

@@ -155,5 +155,5 @@ def read_status(data_dir: Path) -> dict[str, Any]:
     try:
         status: dict[str, Any] = json.loads(path.read_text())
     except (OSError, ValueError):
-        raise GatewayError(f"{path}: no gateway has run here: start one with `sfid gateway`") from None
+        raise GatewayError(f"{path}: no gateway has run here: start one with `sfid up --gateway`") from None
     return status

@@ -29,11 +29,6 @@ class Rerecorded:
     unreadable_views: int
 
 
-def journaled_sessions(data_dir: Path) -> list[str]:
-    """Return the sessions of a data directory, by name; raise JournalError when it cannot be read."""
-    return sorted({row.session for row in read_rows(data_dir) if row.session})
-
-
 def record_again(data_dir: Path, session: str, deployment: str, path: Path) -> Rerecorded:
     """Write the recording of a journaled session, over a file of that name.
 

@@ -77,10 +77,7 @@ def watched_session(
 
 def check_same_answers(recorded: Method, other: Method) -> None:
     """Refuse a method that lives on another kind of answers than were recorded; raises ParameterError."""
-    had, wanted = (
-        {kind.value for kind in (one.asks_before, one.asks_after) if kind is not None}
-        for one in (recorded, other)
-    )
+    had, wanted = ({kind.value for kind in one.asks} for one in (recorded, other))
     if wanted - had:
         answers = " and ".join(sorted(had)) or "nothing"
         message = (

@@ -58,6 +58,11 @@ class Method:
     trail: int = 0
     """Numbers a step in `Memory.trail`; 0 for a method that looks at one step alone."""
 
+    @property
+    def asks(self) -> tuple[AnswerKind, ...]:
+        """What teachers are asked, before and after the action; empty where nobody is asked."""
+        return tuple(kind for kind in (self.asks_before, self.asks_after) if kind is not None)
+
     def width(self, actions: int) -> int:
         """Return the numbers a state takes."""
         return self.blocks * actions + 1

@@ -12,7 +12,7 @@ import pytest
 from services.replay import replay_directory
 from services.router import free_endpoint
 from services.runtime.journal import JournalError, read_rows
-from tests.services.cli.command_line import alive, kill, processes, running, sfid, wait_for
+from tests.services.cli.command_line import Done, alive, kill, processes, running, sfid, wait_for
 
 pytestmark = pytest.mark.real
 RUN = ("demo", "--no-viewer", "--json", "--episodes", "5", "--seed", "11")
@@ -164,12 +164,17 @@ def test_a_supervised_set_serves_the_session_commands_and_drains(tmp_path: Path)
         assert up.stdout.readline() == f"router at {where}, data in {tmp_path / 'data'}\n"
         created = sfid("session", "create", "maze", "--method", "q-learning", "--teachers-min", "0",
                        "--episodes", "3", *connect)  # fmt: skip
-        assert (created.code, created.stderr) == (0, "")
+        watched = f"`sfid session show maze --connect {where}` shows how it does\n"
+        told = f"session maze created: q-learning asks nobody: {watched}"
+        assert created == Done(0, told, "")
+        # Without --teachers-min: a method that asks nobody waits for nobody.
+        same = sfid("session", "create", "maze", "--method", "q-learning", "--episodes", "3", *connect)
+        assert same == Done(0, told.replace("created", "was there already, just so"), "")
         again = sfid("session", "create", "maze", "--seed", "5", *connect)
         assert (again.code, len(again.stderr.splitlines())) == (1, 1)
         wait_for("the end", lambda: show(connect)["phase"] == "finished")
-        told = show(connect)
-        assert set(told) == (KEYS - {"data_dir", "recording", "processes"}) | {
+        shown = show(connect)
+        assert set(shown) == (KEYS - {"data_dir", "recording", "processes"}) | {
             "phase",
             "malformed",
             "failure",
@@ -183,7 +188,7 @@ def test_a_supervised_set_serves_the_session_commands_and_drains(tmp_path: Path)
         assert up.wait(5) == 0
     assert not any(map(alive, pids))
     assert "Traceback" not in errors.read_text()
-    assert [one.q_sha256 for one in replay_directory(tmp_path / "data")] == [told["q_sha256"]]
+    assert [one.q_sha256 for one in replay_directory(tmp_path / "data")] == [shown["q_sha256"]]
 
 
 def show(connect: tuple[str, ...]) -> dict[str, Any]:

@@ -110,12 +110,20 @@ def test_a_level_beyond_every_limit_is_neither_solvable_nor_unsolvable(tmp_path:
     assert (row["solvable"], row["optimal_steps"]) == (None, None)
     assert "positions, more than the limit of 500,000,000" in row["error"]
     assert said.endswith(
-        "not known to be solvable: too many states to try them all; take away a box or floor\n"
+        "not known to be solvable: too many states to try them all; take away a box or some floor\n"
     )
     dead = VAST.replace("#@           #\n# $", "#$@          #\n#  ")
     (row,), said = document("solve", written(tmp_path, dead), code=1)
     assert (row["solvable"], row["lurd"]) == (False, None)
     assert "error" in row or "cannot be solved" in said
+
+
+def test_a_fault_is_printed_beside_its_level_without_naming_the_file_again(tmp_path: Path) -> None:
+    path = written(tmp_path, CORRIDOR, NO_BOX, VAST)
+    lines = sfid("levels", "check", path).stdout.splitlines()
+    assert [line.count(path) for line in lines] == [1, 1, 1]
+    assert lines[1] == f"{path}:1 level 1, lines 6-8: no box; put a $ (or * on a goal) on the floor"
+    assert lines[2].startswith(f"{path}:2 the level has 1,419,181,695,360 positions, more than")
 
 
 @pytest.mark.parametrize("name", ["classroom", "two-boxes", "three-boxes"])
@@ -173,7 +181,8 @@ def test_generated_levels_are_the_same_from_the_same_seed_and_read_back(tmp_path
         (("check", "nowhere.xsb"), "no level 'nowhere.xsb'"),
         (("solve", "room:1"), "room has one level, counted from 0: name room:0"),
         (("show", "classroom:7"), "name one from classroom:0 to classroom:6"),
-        (("check", "room:" + "9" * 5000), "no level 'room:999"),
+        (("check", "room:" + "9" * 5000), "is no level's number: they count from 0, as in room:0"),
+        (("check", "room:-1"), "'room:-1': '-1' is no level's number: they count from 0, as in room:0"),
         (("generate", "--boxes", "9"), "boxes 9 is outside 1 to 8"),
         (("generate", "--levels", "0"), "levels 0 is outside 1 to 1000"),
         (("generate", "--size", "8"), "size '8' is no size: write columns x rows, as in 8x8"),

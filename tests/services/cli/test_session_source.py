@@ -15,6 +15,7 @@ from services.cli.session_source import (
     _experiments,
     chosen,
     condition_named,
+    experiment_words,
     recorded,
     scripted_commands,
     wire_world,
@@ -65,14 +66,27 @@ def test_a_world_or_method_that_cannot_be_is_refused_in_one_line(flags: Flags, w
     assert words in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    "flags,words",
+    [
+        (Flags(), "as in the experiment"),
+        (Flags(method="tamer"), "taught as in the experiment, which has the method isabl"),
+        (Flags(episodes=7), "taught as in the experiment, with what the flags change"),
+    ],
+)
+def test_only_a_session_like_its_condition_is_called_as_in_the_experiment(flags: Flags, words: str) -> None:
+    base = condition_named("learners:isabl-held+rare").config
+    assert experiment_words(base, replace(chosen(base, flags, 9), session="mine")) == words
+
+
 def test_a_condition_tells_how_its_teachers_are_run() -> None:
     judged = condition_named("learners:guide-judged+very-noisy")
     assert scripted_commands(judged.teachers, "s1") == [
-        "sfid teach scripted --session s1 --name teacher --persona very-noisy -f guidance_width=1.0"
+        "teach scripted --session s1 --name teacher --persona very-noisy -f guidance_width=1.0"
     ]
     naive = condition_named("figure2:sfid+naive")
     assert scripted_commands(naive.teachers, "s1") == [
-        "sfid teach scripted --session s1 --name naive --persona naive"
+        "teach scripted --session s1 --name naive --persona naive"
     ]
     assert persona_named("very-noisy", {"guidance_width": 1}) == judged.teachers["teacher"]
 
@@ -84,7 +98,14 @@ def test_a_condition_tells_how_its_teachers_are_run() -> None:
             "figure3:sfid+expert",
             "no experiment 'figure3': write figure2:sfid+expert, or one of figure2, learn",
         ),
-        ("figure2:sfid", "figure2 has no condition 'sfid': choose from sfid+expert, reward+expert"),
+        ("figure2:sfid", "no condition 'sfid': choose from figure2:sfid+expert, figure2:reward+expert"),
+        (
+            "figure2",
+            (
+                "--like 'figure2': figure2 has 4 conditions: choose from figure2:sfid+expert, "
+                "figure2:reward+expert, figure2:sfid+naive, figure2:reward+naive"
+            ),
+        ),
     ],
 )
 def test_a_condition_that_is_none_is_refused_with_the_names(like: str, words: str) -> None:
@@ -104,7 +125,7 @@ def test_a_recorded_session_is_read_back_with_who_joined(tmp_path: Path) -> None
     second = recorded(tmp_path / "data", "s2")
     assert (second.config.method, dict(second.config.parameters)) == ("reward", {"alpha": 0.3})
     assert second.teachers == ()
-    with pytest.raises(CommandError, match=r"holds 2 sessions: name one of s1, s2 with --session"):
+    with pytest.raises(CommandError, match=r"holds 2 sessions: choose one with --session: s1, s2$"):
         recorded(tmp_path / "data", None)
-    with pytest.raises(CommandError, match=r"no session s9 in this journal"):
+    with pytest.raises(CommandError, match=r"no session s9: choose one with --session: s1, s2$"):
         recorded(tmp_path / "data", "s9")

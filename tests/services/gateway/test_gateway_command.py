@@ -84,6 +84,7 @@ def test_a_person_is_shown_a_code_to_scan_and_how_to_withdraw_it(data: Path) -> 
     assert sum("█" in line for line in lines) > 15
     assert lines[-3].startswith(f"{read_status(data)['url']}/#t=")
     assert lines[-1].startswith("withdraw it: `sfid invite --revoke ")
+    assert lines[-1].endswith(f" --data {data}`")
 
 
 def test_the_status_says_where_the_page_is_and_what_was_refused(data: Path) -> None:
@@ -118,7 +119,12 @@ def test_the_gateway_says_in_one_line_that_its_port_is_taken(data: Path) -> None
         (["gateway", "--listen", "0.0.0.0:80"], 2, "nothing would be encrypted"),
         (["gateway", "--listen", "here"], 2, "is no address"),
         (["gateway", "--status"], 1, "no gateway has run here"),
-        (["invite", "--session", "s1"], 2, "no gateway has run here"),
+        (
+            ["invite", "--session", "s1"],
+            1,
+            "no gateway has run here: start one with `sfid up --gateway --data ",
+        ),
+        (["invite", "--session", "s1", "--name", "ann", "--people", "3"], 2, "a name is one person's"),
         (["invite"], 2, "name the one to teach"),
         (["invite", "--session", "S 1"], 2, "is not allowed"),
         (["invite", "--session", "s1", "--people", "0"], 2, "give 1 to 100000"),

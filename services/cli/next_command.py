@@ -1,0 +1,33 @@
+"""The commands that a command suggests, with the flags that this deployment needs."""
+
+import shlex
+from pathlib import Path
+
+from services.cli.options import DATA, ENDPOINT
+from services.runtime.endpoint import reached_at
+
+DEPLOYMENT = "local"
+
+
+def suggested(
+    words: str,
+    connect: str = ENDPOINT,
+    deployment: str = DEPLOYMENT,
+    access: Path | None = None,
+    *,
+    data: Path = DATA,
+) -> str:
+    """Return a command in backticks that can be pasted: with every flag that is not at its default.
+
+    Args: words: the command without `sfid`; connect: endpoint at which the router listens or is reached.
+    """
+    flags: list[str] = []
+    if reached_at(connect) != ENDPOINT:
+        flags += ["--connect", reached_at(connect)]
+    if deployment != DEPLOYMENT:
+        flags += ["--deployment", deployment]
+    if access is not None:
+        flags += ["--access", str(access)]
+    if data != DATA:
+        flags += ["--data", str(data)]
+    return f"`{' '.join(['sfid', words, *map(shlex.quote, flags)])}`"

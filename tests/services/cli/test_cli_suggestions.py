@@ -1,0 +1,113 @@
+"""What a command says beside its result: what to type next, what there is, what it left out."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from services.cli.experiment_session import absent_teachers
+from services.cli.launch import Deployed
+from services.cli.next_command import suggested
+from services.cli.options import DATA, ENDPOINT
+from services.cli.up import told
+from tests.services.cli.command_line import Done, sfid
+from tests.services.learner.classroom import Classroom, Pupil, session
+
+ELSEWHERE = "tcp/127.0.0.1:17447"
+
+
+@pytest.fixture
+def journal(tmp_path: Path) -> Path:
+    """Three sessions: s1 was taught a label by ann, s2 is judged and s3 waits for anybody."""
+    room = Classroom(tmp_path / "data")
+    room.create()
+    ann = Pupil(room, "ann")
+    ann.join()
+    room.settle()
+    ann.label(room.decision, "LEFT")
+    room.create(session(session="s2", method="reward"))
+    room.create(session(session="s3"))
+    room.shard.commit()
+    room.shard.close()
+    return tmp_path / "data"
+
+
+def test_a_suggested_command_has_the_flags_that_are_not_at_their_defaults() -> None:
+    assert suggested("session list") == "`sfid session list`"
+    assert suggested("session list", ENDPOINT, "local", data=DATA) == "`sfid session list`"
+    assert suggested("session list", "tcp/0.0.0.0:7001", "lab", Path("my logins"), data=Path("/d")) == (
+        "`sfid session list --connect tcp/127.0.0.1:7001 --deployment lab --access 'my logins' --data /d`"
+    )
+
+
+def test_up_tells_commands_that_reach_its_own_router() -> None:
+    details = {"router": ELSEWHERE, "monitor": "watch at http://x", "gateway": "http://y"}
+    assert told(Deployed(DATA, ENDPOINT, "local"), {}, crowd=False) == [
+        f"router at {ENDPOINT}, data in {DATA}",
+        "next: `sfid session create NAME`, then `sfid teach keyboard --session NAME`",
+    ]
+    assert told(Deployed(Path("d"), ELSEWHERE, "local"), details, crowd=True) == [
+        f"router at {ELSEWHERE}, data in d",
+        "watch at http://x",
+        "http://y",
+        (
+            "members of the crowd teach with "
+            f"`sfid teach keyboard --session NAME --connect {ELSEWHERE} --deployment local-crowd`"
+        ),
+        (
+            f"next: `sfid session create NAME --connect {ELSEWHERE}`, "
+            f"then `sfid teach keyboard --session NAME --connect {ELSEWHERE}`"
+        ),
+    ]
+    guarded = told(Deployed(Path("d"), ENDPOINT, "local", require_tokens=True), {}, crowd=False)
+    assert guarded[-1] == (
+        "next: `sfid session create NAME`, then `sfid keys new PERSON --session NAME --data d`, "
+        "whose file goes to `sfid teach keyboard --session NAME --token-file FILE`"
+    )
+
+
+@pytest.mark.parametrize("command", [["replay"], ["replay", "--method", "clone"], ["said"]])
+def test_a_session_that_is_not_there_is_refused_with_those_that_are(
+    journal: Path, command: list[str]
+) -> None:
+    done = sfid(*command, str(journal), "--session", "s9")
+    said = f"sfid: {journal}: no session s9: choose one with --session: s1, s2, s3\n"
+    assert done == Done(1 if command == ["said"] else 2, "", said)
+
+
+def test_a_session_in_which_nobody_spoke_is_told_from_one_that_is_not_there(journal: Path) -> None:
+    done = sfid("said", str(journal), "--session", "s3")
+    said = f"sfid: {journal}: nobody has said anything in session s3 yet: `sfid teach` teaches it\n"
+    assert done == Done(1, "", said)
+
+
+def test_another_method_is_replayed_where_it_fits_and_names_where_it_does_not(journal: Path) -> None:
+    document = json.loads(sfid("replay", str(journal), "--method", "clone", "--json").stdout)
+    assert [one["session"] for one in document["sessions"]] == ["s1", "s3"]
+    assert [one["session"] for one in document["misfits"]] == ["s2"]
+    done = sfid("replay", str(journal), "--method", "marks")
+    assert (done.code, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert done.stderr.startswith("sfid: sessions s1, s3: method marks asks for mistake, the session's sfid")
+    assert "; session s2: method marks asks for mistake, the session's reward" in done.stderr
+
+
+def test_an_experiment_from_a_session_says_whose_teaching_it_replaces(journal: Path) -> None:
+    order = ("experiment", "session", "--from", str(journal), "--session", "s1", "--seeds", "2",
+             "--episodes", "1", "--no-compile", "--json")  # fmt: skip
+    done = sfid(*order)
+    assert done.stderr.splitlines()[0] == (
+        "note: ann taught the recorded session and cannot be simulated by name: here expert teaches; "
+        "choose with --teacher"
+    )
+    assert json.loads(done.stdout)["teachers"] == {"simulated": ["expert"], "absent": ["ann"]}
+    assert absent_teachers(("oracle", "crowd", "ann"), ["oracle"]) == ("crowd", "ann")
+
+
+def test_the_first_labels_are_shown_and_how_to_get_all(tmp_path: Path) -> None:
+    path = tmp_path / "labels.csv"
+    rows = [f"t{task:02},{worker},yes\n" for task in range(12) for worker in ("ann", "bob")]
+    path.write_text("".join(["task,worker,label\n", *rows]))
+    lines = sfid("crowd", "aggregate", str(path), "--method", "majority").stdout.splitlines()
+    begins = lines.index("labels:") + 1
+    assert [line.split() for line in lines[begins:-1]] == [[f"t{task:02}", "yes"] for task in range(10)]
+    assert lines[-1] == "  and 2 more: --out FILE.csv writes all, --json prints them"
