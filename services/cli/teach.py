@@ -1,6 +1,7 @@
 """`sfid teach keyboard|scripted|crowd`: one teacher, or a simulated crowd of them."""
 
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,6 +23,7 @@ from services.cli.options import (
     given_parameters,
     print_json,
 )
+from services.cli.session_hint import session_hint
 from services.cli.waiting import connected_bus, service_bus
 from services.runtime.process import ProcessConfig, ServiceProcess
 from services.topology import teaching_role
@@ -95,8 +97,9 @@ def scripted(  # noqa: PLR0917 - one argument a flag
         deployment=keys.deployment, **_token(token_file),
     )  # fmt: skip
     bus = service_bus(connect, process.stop, teaching_role(deployment), access)
+    hint = partial(session_hint, session, connect, deployment, access)
     try:
-        run(config, bus, process.ready, process.stop, best=best)
+        run(config, bus, process.ready, process.stop, best=best, hint=hint)
     finally:
         bus.close()
 
@@ -172,8 +175,9 @@ def crowd(  # noqa: PLR0917 - one argument a flag
     config = CrowdConfig(session, specs, seed, delay_ms, dropout_rate, away_ms, keys.deployment)
     process = ServiceProcess(ProcessConfig(f"crowd-{name}", supervised_fd, verbose))
     bus = service_bus(connect, process.stop, teaching_role(deployment), access)
+    hint = partial(session_hint, session, connect, deployment, access)
     try:
-        results = run(config, bus, process.ready, process.stop)
+        results = run(config, bus, process.ready, process.stop, hint=hint)
     finally:
         bus.close()
     if as_json:

@@ -1,7 +1,6 @@
 """A simulated crowd: many workers in one process and one thread, each a member of its own."""
 
 import heapq
-import logging
 import threading
 from collections import Counter
 from collections.abc import Callable
@@ -25,11 +24,10 @@ from services.outbox import Outbox
 from services.runtime.bus import Bus
 from services.runtime.clock import Clock, SystemClock
 from services.teachers.scripted import Script, ScriptedConfig, optimal_names, tell
+from services.teachers.troubles import Hint, Troubles, no_hint
 from sfid_core.chance import stream, unit
 from sfid_core.learning.parameters import ParameterError
 from sfid_core.teaching.crowd_mix import WorkerKind, WorkerSpec, mind_of
-
-log = logging.getLogger("sfid.teacher")
 
 _TICK_NS = 100_000_000
 """How often those whom nothing comes to are asked whether they have something to repeat."""
@@ -100,8 +98,9 @@ class _Worker:
 class SimulatedCrowd:
     """All workers of a process; `turn` runs what is due on the caller's thread."""
 
-    def __init__(self, config: CrowdConfig, bus: Bus, clock: Clock) -> None:
+    def __init__(self, config: CrowdConfig, bus: Bus, clock: Clock, hint: Hint = no_hint) -> None:
         self._config, self._bus, self._clock = config, bus, clock
+        self.troubles = Troubles(config.session, clock, hint)
         self._keys = Keys(config.deployment)
         self._woken: SimpleQueue[int] = SimpleQueue()
         self._due: list[tuple[int, int]] = []
@@ -194,6 +193,7 @@ class SimulatedCrowd:
     def _listen(self, number: int) -> None:
         worker = self._workers[number]
         while not worker.away_until_ns and (update := worker.client.next(0)) is not None:
+            self.troubles.note(update, worker.spec.name)
             match update:
                 case Refused(code=code, reason=reason, final=True):
                     raise CrowdError(f"session {self._config.session!r}: {reason} ({code})")
@@ -252,20 +252,30 @@ def run(
     ready: Callable[[], None],
     stop: threading.Event,
     clock: Clock | None = None,
+    hint: Hint = no_hint,
 ) -> tuple[WorkerResult, ...]:
     """Teach until the session is finished, everybody has left for good, or `stop` is set.
 
+    Args: hint: see Troubles.
     Returns: what became of the answers, by worker.
     Raises: ScriptedError when the level is beyond the solver, CrowdError when a worker may not join.
     """
     clock = clock or SystemClock()
-    crowd = SimulatedCrowd(config, bus, clock)
+    crowd = SimulatedCrowd(config, bus, clock, hint)
     crowd.open()
     ready()
     while not stop.is_set() and not crowd.finished:
         crowd.turn(0.2)
+        crowd.troubles.note(None)
     until_ns = clock.now_ns() + _DRAIN_NS
     while crowd.unacknowledged and clock.now_ns() < until_ns:
         crowd.turn(0.05)
     crowd.close()
-    return crowd.results()
+    results = crowd.results()
+    sums = (sum(one[place] for one in map(_counts, results)) for place in range(4))
+    crowd.troubles.end(*sums)
+    return results
+
+
+def _counts(one: WorkerResult) -> tuple[int, int, int, int]:
+    return one.accepted, one.too_late, one.rejected, one.unacknowledged

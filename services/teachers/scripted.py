@@ -1,7 +1,7 @@
 """A simulated teacher on the wire: an exact solver's knowledge, with errors, silence and thinking time."""
 
-import logging
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -13,7 +13,6 @@ from services.client import (
     AnswerState,
     AnswerUpdate,
     Client,
-    Connection,
     Learnt,
     Opened,
     Refused,
@@ -24,13 +23,12 @@ from services.client import (
 from services.outbox import Outbox
 from services.runtime.bus import Bus
 from services.runtime.clock import Clock, SystemClock
+from services.teachers.troubles import Hint, Troubles, no_hint
 from sfid_core.sokoban.levels import LevelError, parse_levels
 from sfid_core.sokoban.solver import Solution, solve
 from sfid_core.sokoban.tables import TooManyStates
 from sfid_core.teaching.kernels import TeacherParameters
 from sfid_core.teaching.simulated import SimulatedTeacher
-
-log = logging.getLogger("sfid.teacher")
 
 VIEWS_KEPT = 65_536
 """Views whose optimal actions are remembered: some 20 MB. A view is parsed once, then looked up."""
@@ -239,10 +237,11 @@ def run(
     stop: threading.Event,
     clock: Clock | None = None,
     best: Best | None = None,
+    hint: Hint = no_hint,
 ) -> None:
     """Teach until the session is finished or `stop` is set; waits for a learner that is not there yet.
 
-    Args: best: the optimal actions of a world that is not Sokoban, see Script.
+    Args: best: the optimal actions of a world that is not Sokoban, see Script; hint: see Troubles.
     Raises: ScriptedError when the level is beyond the solver or the learner does not let the teacher join.
     """
     clock = clock or SystemClock()
@@ -251,7 +250,11 @@ def run(
         bus, Keys(config.deployment), config.session, config.teacher,
         outbox=Outbox(), clock=clock, token=config.token, check_key=config.check_key, measures=False,
     )  # fmt: skip
-    script, troubles = Script(config, client.has_answered, best=best), _Troubles(config.session)
+    script, troubles = (
+        Script(config, client.has_answered, best=best),
+        Troubles(config.session, clock, hint),
+    )
+    codes: Counter[AnswerState] = Counter()
     with client:
         ready()
         while not stop.is_set():
@@ -266,36 +269,16 @@ def run(
                 "mistake",
             }:
                 client.watch_measures()  # the state before the action, should a decision message be lost
+            troubles.note(update)
             if update is not None:
                 script.hear(update, clock.now_ns())
-                troubles.note(update)
+            if isinstance(update, AnswerUpdate):
+                codes[update.state] += 1
             if script.due_ns is not None and (said := script.speak(clock.now_ns())) is not None:
                 tell(client, said)
-        client.drain(_DRAIN_S)
-
-
-class _Troubles:
-    """Logs once that the learner is out of reach, once that it is back, and answers sent many times."""
-
-    def __init__(self, session: str) -> None:
-        self._session = session
-        self._waiting = False
-
-    def note(self, update: Update) -> None:
-        match update:
-            case Connection(connected=False, detail=reason) | Refused(reason=reason):
-                if not self._waiting:
-                    log.warning("session %s: waiting, %s", self._session, reason)
-                self._waiting = True
-            case Welcomed():
-                if self._waiting:
-                    log.info("session %s: joined", self._session)
-                self._waiting = False
-            case AnswerUpdate(state=AnswerState.RETRYING, attempts=attempts, reason=reason):
-                if attempts > 1 and attempts & (attempts - 1) == 0:
-                    log.warning("session %s: answer sent %d times: %s", self._session, attempts, reason)
-            case _:
-                pass
+        before, left = client.unacknowledged, client.drain(_DRAIN_S)
+    saved = codes[AnswerState.SAVED] + before - left
+    troubles.end(saved, codes[AnswerState.TOO_LATE], codes[AnswerState.REJECTED], left)
 
 
 def _wait_s(due_ns: int | None, clock: Clock) -> float:

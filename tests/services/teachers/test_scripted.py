@@ -212,6 +212,7 @@ def test_a_wait_for_the_session_and_a_stubborn_answer_are_logged_once(
         "session s1: waiting, no session s1 here",
         "session s1: joined",
         "session s1: answer sent 2 times: too much to do",
+        "session s1: 1 answer saved",
     ]
 
 

@@ -1,0 +1,44 @@
+"""What is said to a teacher whose session is not there: what sessions there are, and the mend."""
+
+from pathlib import Path
+
+from protocol.keys import Keys
+from services.cli.journaled import NAMES_MAX
+from services.cli.next_command import suggested
+from services.cli.waiting import connected_bus
+from services.operator import Operator, OperatorError
+from services.runtime.bus import BusError
+from services.runtime.secret import SecretError
+from services.topology import CROWD, Role
+
+CONNECT_MS = 2_000
+
+
+def session_hint(session: str, connect: str, deployment: str, access: Path | None) -> str:
+    """Ask the learner which sessions it has and return one line; takes some seconds where nobody answers.
+
+    Args: deployment: the teacher's, which may be that of a crowd.
+    """
+    learner = deployment.removesuffix(CROWD)
+    create = suggested(f"session create {session}", connect, learner, access)
+    try:
+        bus = connected_bus(connect, Role.OPERATOR, access, CONNECT_MS)
+        try:
+            listed = Operator(bus, Keys(learner), patience_s=0.0).sessions().sessions
+        finally:
+            bus.close()
+    except (BusError, SecretError, OperatorError) as error:
+        return f"what sessions there are could not be asked: {error}"
+    return hint_of(session, [row.session for row in listed], create, crowd=deployment.endswith(CROWD))
+
+
+def hint_of(session: str, names: list[str], create: str, *, crowd: bool) -> str:
+    """Return the line for a learner that has sessions of these names."""
+    if session in names:
+        whom = "the aggregator, `sfid up --crowd`," if crowd else "the learner"
+        return f"the session is there: see in `sfid status` whether {whom} is well"
+    if not names:
+        return f"there is no session at all: {create} creates it"
+    more = f" and {len(names) - NAMES_MAX} more" if len(names) > NAMES_MAX else ""
+    listed = ", ".join(names[-NAMES_MAX:]) + more
+    return f"there are {listed}: name one of them with --session, or {create} creates this one"
