@@ -119,7 +119,8 @@ class Aggregator:
         for verb in ("list", "show"):
             self.bus.serve(keys.learner(verb), self._relay(self.learners.learner(verb)))
         desk = StatusDesk("aggregator", self.config.name, self._clock, self._facts)
-        self.bus.serve(self.learners.status("aggregator", self.config.name), receiver(desk.reply))
+        status = self.learners.status("aggregator", self.config.name)
+        self.bus.serve(status, receiver(desk.reply, needs_journal=False))
         self.bus.announce(self.learners.service("aggregator", self.config.name))
 
     def _facts(self) -> dict[str, Any]:

@@ -88,7 +88,7 @@ class Learner:
         self.bus.serve(keys.control(), enqueue(self.reception.on_control))
         for verb, handle in self.office.verbs.items():
             self.bus.serve(keys.learner(verb), enqueue(handle))
-        self.bus.serve(self.standing.key, enqueue(self.standing.reply))
+        self.bus.serve(self.standing.key, enqueue(self.standing.reply, needs_journal=False))
         self.bus.announce(keys.service("learner", f"shard-{self.config.shard}"))
 
     def run(self, stop: threading.Event) -> None:

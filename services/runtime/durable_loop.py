@@ -44,6 +44,7 @@ class _Item(NamedTuple):
     argument: Any
     request: Request | None = None
     """The request that this is, if it is one: it can be refused while the journal fails."""
+    needs_journal: bool = True
 
 
 class DurableLoop:
@@ -112,8 +113,13 @@ class DurableLoop:
         """Have `handle(argument)` called on the loop's thread."""
         self._inbox.put(_Item(handle, argument))
 
-    def receiver(self, handle: Callable[[Request], None]) -> Callable[[Request], None]:
-        """Return a bus callback that has requests handled, and refuses them when too much waits."""
+    def receiver(
+        self, handle: Callable[[Request], None], *, needs_journal: bool = True
+    ) -> Callable[[Request], None]:
+        """Return a bus callback that has requests handled, and refuses them when too much waits.
+
+        Args: needs_journal: requests are refused while the journal fails, because they may change something.
+        """
         full = _busy(f"the {self._settings.service}'s inbox is full: send it again")
         too_many = _busy("too many messages of yours wait: send it again")
 
@@ -121,7 +127,7 @@ class DurableLoop:
             if self._inbox.qsize() >= self._settings.inbox_max:
                 request.reply_error(full)
             elif self.turnstile.enter(request.key):
-                self._inbox.put(_Item(handle, request, request))
+                self._inbox.put(_Item(handle, request, request, needs_journal))
             else:
                 request.reply_error(too_many)
 
@@ -170,6 +176,7 @@ class DurableLoop:
         if self._failing:
             self._log.warning("the journal can be written again: teaching goes on")
             self._failing = False
+            self.commits.failure = ""
             held, self._held = self._held, []
             for item in held:
                 self._handle(item)
@@ -177,7 +184,7 @@ class DurableLoop:
     def _handle(self, item: _Item) -> None:
         if item.request is not None:
             self.turnstile.leave(item.request.key)
-        if not self._failing:
+        if not (self._failing and item.needs_journal):
             item.handle(item.argument)
         elif item.request is not None:
             item.request.reply_error(NOT_DURABLE)
@@ -190,6 +197,7 @@ class DurableLoop:
         if not self._failing:
             self._log.error("nothing is acknowledged until the journal can be written: %s", error)
         self._failing = True
+        self.commits.failure = f"nothing can be saved: {error}"[:512]
         refusal = encode(Refusal(code="not-durable", reason=f"not saved: {error}"[:512]))
         for request in waiting:
             request.reply_error(refusal)

@@ -27,9 +27,14 @@ def program_version() -> str:
 
 
 class CommitMeter:
-    """How often a journal was made durable and how long that took."""
+    """How often a journal was made durable and how long that took.
+
+    Attributes:
+        failure: why it cannot be made durable now; empty when it can.
+    """
 
     def __init__(self, clock: Clock) -> None:
+        self.failure = ""
         self._clock = clock
         self._bins = [0] * (len(COMMIT_BOUNDS_US) + 1)
         self._total_us = 0
@@ -47,6 +52,8 @@ class CommitMeter:
         """Return what a ServiceStatus says of commits."""
         last_ns = self._last_ns
         return {
+            "ready": not self.failure,
+            "reason": self.failure,
             "commits": tuple(self._bins),
             "commit_us": self._total_us,
             "last_commit_ms": None if last_ns is None else (self._clock.now_ns() - last_ns) // _MS,

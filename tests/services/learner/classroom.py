@@ -28,6 +28,7 @@ from protocol.messages import (
     Wire,
     World,
 )
+from protocol.status_message import ServiceStatus
 from services.environment import Environment
 from services.learner.config import LearnerConfig
 from services.learner.service import Learner
@@ -261,3 +262,14 @@ class Classroom:
                 request.reply(encode(reply))
 
         return serve
+
+
+def status(room: Classroom) -> ServiceStatus:
+    """Ask the learner how it does."""
+    replies: list[Reply | None] = []
+    MemoryBus(room.hub).ask(KEYS.status("learner", "shard-0"), b"", replies.append, 1_000)
+    room.settle()
+    (reply,) = replies
+    assert reply is not None
+    assert reply.ok
+    return decode(reply.payload, ServiceStatus)

@@ -14,7 +14,7 @@ from services.learner.config import LearnerConfig
 from services.replay import replay_directory
 from services.runtime.journal import JournalFull, Shard
 from sfid_core.session.effects import AnswerCode
-from tests.services.learner.classroom import KEYS, Classroom, Pupil, session
+from tests.services.learner.classroom import KEYS, Classroom, Pupil, session, status
 
 EARLY = WindowSpec(mode="early", span_ms=1_000)
 
@@ -310,6 +310,21 @@ def test_while_the_journal_is_full_nothing_is_acknowledged_and_afterwards_nothin
     assert [(said.teacher, said.action) for said in room.steps[0].said] == [("ann", "UP")]
     bob.join()
     assert len(room.rows("answer")) == 1
+
+
+def test_a_learner_whose_journal_is_full_says_so_when_it_is_asked_how_it_does(full_room: Classroom) -> None:
+    room, shard = full_room, full_room.shard
+    assert isinstance(shard, FailingShard)
+    ann = Pupil(room, "ann")
+    ann.join()
+    assert (status(room).ready, status(room).reason) == (True, "")
+    shard.full = True
+    ann.send(ann.message(room.decision, action="UP"))
+    told = status(room)
+    assert (told.ready, told.reason) == (False, "nothing can be saved: the disk is full: free some")
+    shard.full = False
+    room.pass_time(500)
+    assert (status(room).ready, status(room).reason) == (True, "")
 
 
 class RecordingShard(Shard):

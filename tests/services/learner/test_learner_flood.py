@@ -5,11 +5,9 @@ from pathlib import Path
 
 from protocol.codec import decode, encode
 from protocol.messages import Acknowledgement, Refusal
-from protocol.status_message import ServiceStatus
 from services.runtime.bus import Reply
-from services.runtime.memory_bus import MemoryBus
 from services.runtime.turnstile import Turnstile
-from tests.services.learner.classroom import KEYS, Classroom, Pupil, session
+from tests.services.learner.classroom import KEYS, Classroom, Pupil, session, status
 
 WAITING_MAX = 32
 FLOOD = 500
@@ -38,19 +36,10 @@ def test_of_one_teacher_only_so_many_messages_wait_and_the_rest_is_told_to_come_
     assert {(refusal.code, refusal.reason) for refusal in refused} == {
         ("busy", "too many messages of yours wait: send it again")
     }
-    status = _status(room)
-    assert status.refused == {"too-many-waiting": FLOOD - WAITING_MAX}
-    assert (status.labels.submitted, status.backlog) == (WAITING_MAX + 1, 0)
+    told_of_all = status(room)
+    assert told_of_all.refused == {"too-many-waiting": FLOOD - WAITING_MAX}
+    assert (told_of_all.labels.submitted, told_of_all.backlog) == (WAITING_MAX + 1, 0)
     room.shard.close()
-
-
-def _status(room: Classroom) -> ServiceStatus:
-    replies: list[Reply | None] = []
-    MemoryBus(room.hub).ask(KEYS.status("learner", "shard-0"), b"", replies.append, 1_000)
-    room.settle()
-    (reply,) = replies
-    assert reply is not None
-    return decode(reply.payload, ServiceStatus)
 
 
 def test_whoever_has_been_served_may_come_again() -> None:

@@ -47,7 +47,12 @@ def test_commits_are_counted_by_how_long_they_took() -> None:
         meter.took(began_ns)
     clock.advance(7 * MS)
     assert meter.facts() == {
+        "ready": True, "reason": "",
         "commits": (1, 1, 0, 0, 1, 0, 0, 0, 0, 1), "commit_us": 2_003_501, "last_commit_ms": 7,
+    }  # fmt: skip
+    meter.failure = "nothing can be saved"
+    assert {name: meter.facts()[name] for name in ("ready", "reason")} == {
+        "ready": False, "reason": "nothing can be saved",
     }  # fmt: skip
 
 
@@ -88,8 +93,8 @@ def test_a_learner_that_cannot_write_its_journal_is_there_and_not_ready(tmp_path
     MemoryBus(room.hub).ask(KEYS.status("learner", "shard-0"), b"", replies.append, 1_000)
     room.settle()
     found = understood(KEYS, "learner", "shard-0", replies.pop())
-    assert (found.ready, found.status) == (False, None)
-    assert found.fault == "the journal cannot be written: send it again"
+    assert (found.ready, found.fault) == (False, "nothing can be saved: the disk is full: free some")
+    assert found.status is not None
     room.shard.discard_pending()
 
 

@@ -9,8 +9,8 @@ from protocol.codec import decode
 from protocol.messages import Done, Refusal
 from services.runtime.bus import Reply
 from services.runtime.clock import ManualClock
-from services.runtime.durable_loop import BATCH_MAX, DurableLoop, LoopSettings
-from services.runtime.journal import Shard
+from services.runtime.durable_loop import BATCH_MAX, NOT_DURABLE, DurableLoop, LoopSettings
+from services.runtime.journal import JournalFull, Shard
 from services.runtime.memory_bus import MemoryBus, MemoryHub
 
 MS = 1_000_000
@@ -26,6 +26,29 @@ def clock() -> ManualClock:
 def loop(tmp_path: Path, clock: ManualClock) -> Iterator[DurableLoop]:
     with Shard.open(tmp_path) as shard:
         yield DurableLoop(shard, clock, LoopSettings("learner", 3, 2, COMMIT_MS))
+
+
+class FullShard(Shard):
+    """A shard whose disk is full until a test makes room."""
+
+    full = True
+
+    def commit(self) -> None:
+        if self.full:
+            raise JournalFull("the disk is full: free some")
+        super().commit()
+
+
+@pytest.fixture
+def failing(tmp_path: Path, clock: ManualClock) -> Iterator[DurableLoop]:
+    """A loop whose journal has just failed."""
+    with FullShard.open(tmp_path) as shard:
+        made = DurableLoop(shard, clock, LoopSettings("learner", 3, 2, COMMIT_MS))
+        made.append("s1", "joined", b"ann", made.at_ns())
+        clock.advance(COMMIT_MS * MS)
+        made.turn(0.0)
+        yield made
+        shard.full = False
 
 
 def test_of_a_backlog_longer_than_a_turn_every_item_is_handled_in_order(loop: DurableLoop) -> None:
@@ -80,3 +103,39 @@ def test_a_turn_waits_no_longer_than_until_the_next_timer(loop: DurableLoop, clo
     clock.advance(30 * MS)
     loop.turn(0.0)
     assert fired == ["due"]
+
+
+def test_whoever_was_refused_while_the_journal_fails_has_their_places_back(
+    failing: DurableLoop, clock: ManualClock
+) -> None:
+    bus = MemoryBus(MemoryHub(clock, inline=True))
+    bus.serve("*", failing.receiver(lambda request: failing.reply_durably(request, Done(ok=True))))
+    replies: list[Reply | None] = []
+    for _ in range(3):
+        for _ in range(2):
+            bus.ask("ann", b"", replies.append, 60_000)
+        failing.turn(0.0)
+    codes = [decode(reply.payload, Refusal).code for reply in replies if reply]
+    assert codes == ["not-durable"] * 6
+    assert failing.turnstile.refused == 0
+    assert isinstance(failing.shard, FullShard)
+    failing.shard.full = False
+    clock.advance(COMMIT_MS * MS)
+    failing.turn(0.0)
+    for _ in range(2):
+        bus.ask("ann", b"", replies.append, 60_000)
+    failing.turn(0.0)
+    assert [reply.ok for reply in replies[6:] if reply] == [True, True]
+
+
+def test_what_needs_no_journal_is_answered_while_it_fails(failing: DurableLoop, clock: ManualClock) -> None:
+    bus = MemoryBus(MemoryHub(clock, inline=True))
+    bus.serve("status", failing.receiver(lambda request: request.reply(b"well"), needs_journal=False))
+    bus.serve("answer", failing.receiver(lambda request: request.reply(b"never")))
+    replies: list[Reply | None] = []
+    for key in ("status", "answer", "status"):
+        bus.ask(key, b"", replies.append, 60_000)
+    failing.turn(0.0)
+    assert [reply and (reply.ok, reply.payload) for reply in replies] == [
+        (True, b"well"), (False, NOT_DURABLE), (True, b"well"),
+    ]  # fmt: skip
