@@ -186,7 +186,7 @@ def _teachers_towards(action: str, frame: Frame, colours: TeacherColours) -> lis
         items += [(f"{teacher} {reward:+g}", colours.of(teacher)) for teacher, reward in rewards]
     if len(items) > NAMED_ARROWS_MAX:
         return [(f"{len(items)} teachers", TEACHER_COLOURS[0])]
-    # Names side by side would cover each other: the last arrow carries those of all.
+    # Names side by side would cover each other: the last one is that of all.
     names = ", ".join(name for name, _ in items)
     return [("", colour) for _, colour in items[:-1]] + [(names, colour) for _, colour in items[-1:]]
 
@@ -201,5 +201,18 @@ def _side_by_side(
         start = 0.5 * tiles.TILE
         origin = (centre[0] + right * start + down * aside, centre[1] + down * start + right * aside)
         vector = (right * 0.75 * tiles.TILE, down * 0.75 * tiles.TILE)
-        arrows.append(Arrow(origin, vector, colour, label))
+        arrows.append(Arrow(origin, vector, colour))
+        if label:
+            arrows.append(_name(label, colour, (right, down), centre))
     return arrows
+
+
+def _name(label: str, colour: Colour, towards: tuple[int, int], centre: tuple[float, float]) -> Arrow:
+    """Return a text where it covers neither the agent nor an arrow: beyond those up or down, above the others.
+
+    A viewer writes an arrow's label a little below its middle; this arrow is nothing but its label.
+    """
+    right, down = towards
+    x = centre[0] + 0.875 * right * tiles.TILE
+    y = centre[1] + ((1.7 * down if down else -0.95) - 0.35) * tiles.TILE
+    return Arrow((x, y), (0.0, 0.0), colour, label, width=0.0)

@@ -24,6 +24,7 @@ from services.monitor.scene import (
     frames_of_step,
     read_view,
 )
+from sfid_core.sokoban.actions import Action
 from tests.services.monitor.feeder import Lesson
 
 VIEW = "#######\n#     #\n#@$ . #\n#     #\n#######"
@@ -95,27 +96,48 @@ def test_the_agents_arrow_is_white_and_red_where_it_bumped() -> None:
     assert (bumped.colour, bumped.vector) == (BUMPED_COLOUR, (-12.0, 0.0))
 
 
-def test_each_teachers_arrow_has_their_name_their_colour_and_their_direction() -> None:
+def test_each_teachers_arrow_has_their_colour_and_direction_and_their_name_beyond_its_tip() -> None:
     colours = TeacherColours()
     arrows = draw_world(frame(VIEW, "UP", label("ada", "UP"), label("ben", "DOWN")), colours).arrows
     assert [(arrow.label, arrow.colour, arrow.vector) for arrow in arrows] == [
         ("", AGENT_COLOUR, (0.0, -12.0)),
-        ("ada", colours.of("ada"), (0.0, -12.0)),
-        ("ben", colours.of("ben"), (0.0, 12.0)),
+        ("", colours.of("ada"), (0.0, -12.0)),
+        ("ada", colours.of("ada"), (0.0, 0.0)),
+        ("", colours.of("ben"), (0.0, 12.0)),
+        ("ben", colours.of("ben"), (0.0, 0.0)),
     ]
+    agent, up, ada, down, ben = arrows
     assert colours.of("ada") != colours.of("ben")
-    assert arrows[0].origin != arrows[1].origin
+    assert agent.origin != up.origin
+    assert ada.origin[1] < up.origin[1] + up.vector[1]
+    assert ben.origin[1] >= down.origin[1] + down.vector[1]
+
+
+@pytest.mark.parametrize("action", [action.name for action in Action])
+def test_a_name_covers_neither_the_agent_nor_an_arrow(action: str) -> None:
+    everybody = tuple(label(name, action) for name in ("ada", "ben", "cyd"))
+    *arrows, name = draw_world(frame(VIEW, action, *everybody), TeacherColours()).arrows
+    written = name.origin[1] + 0.35 * tiles.TILE
+    upper, lower = written - 0.25 * tiles.TILE, written + 0.25 * tiles.TILE
+    row = read_view(VIEW).player // read_view(VIEW).level.width
+    covered = [(row * tiles.TILE, (row + 1) * tiles.TILE)]
+    for arrow in arrows:
+        ends = (arrow.origin[1], arrow.origin[1] + arrow.vector[1])
+        covered.append((min(ends) - arrow.width / 2, max(ends) + arrow.width / 2))
+    assert (name.label, len(arrows)) == ("ada, ben, cyd", 4)
+    assert all(lower <= top or upper >= bottom for top, bottom in covered)
 
 
 def test_a_crowd_is_one_arrow_with_its_number() -> None:
     crowd = [label(f"worker-{number}", "LEFT") for number in range(40)]
-    (arrow,) = draw_world(frame(VIEW, None, *crowd), TeacherColours()).arrows
-    assert arrow.label == "40 teachers"
+    arrows = draw_world(frame(VIEW, None, *crowd), TeacherColours()).arrows
+    assert [arrow.label for arrow in arrows] == ["", "40 teachers"]
 
 
 def test_a_reward_points_where_the_agent_went_and_shows_its_size() -> None:
     said = SaidBy(teacher="ada", kind="reward", reward=-1.0)
     assert [arrow.label for arrow in draw_world(frame(VIEW, "UP", said), TeacherColours()).arrows] == [
+        "",
         "",
         "ada -1",
     ]
@@ -172,5 +194,5 @@ def test_teachers_who_agree_have_an_arrow_each_and_one_label_with_their_names() 
     colours = TeacherColours()
     said = (label("ada", "UP"), label("ben", "UP"))
     arrows = draw_world(frame(VIEW, None, *said), colours).arrows
-    expected = [("", colours.of("ada")), ("ada, ben", colours.of("ben"))]
+    expected = [("", colours.of("ada")), ("", colours.of("ben")), ("ada, ben", colours.of("ben"))]
     assert [(arrow.label, arrow.colour) for arrow in arrows] == expected
