@@ -208,7 +208,7 @@ def _side_by_side(
 
 
 def _name(label: str, colour: Colour, towards: tuple[int, int], centre: tuple[float, float]) -> Arrow:
-    """Return a text where it covers neither the agent nor an arrow: beyond those up or down, above the others.
+    """Return a text where it covers neither the agent nor an arrow: beyond those up or down, above others.
 
     A viewer writes an arrow's label a little below its middle; this arrow is nothing but its label.
     """
