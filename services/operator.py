@@ -3,6 +3,7 @@
 import queue
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import TypeVar
 
 from protocol.codec import DecodeError, decode, encode
@@ -20,6 +21,7 @@ from protocol.messages import (
     WindowSpec,
     Wire,
 )
+from protocol.session_union import union
 from services.runtime.bus import Bus, Reply
 from services.topology import OPERATOR
 
@@ -61,7 +63,7 @@ class Operator:
 
     def sessions(self) -> SessionList:
         """Return a line about every session."""
-        return self._ask(self._keys.learner("list"), SessionQuery(), SessionList)
+        return self._until_answered(self._all_sessions)
 
     def show(self, session: str) -> tuple[SessionReport, list[Episode]]:
         """Return a session's report and all its episodes."""
@@ -84,14 +86,35 @@ class Operator:
             raise OperatorError(f"session {session}: {done.reason}")
 
     def _ask(self, key: str, message: Wire, expected: type[M]) -> M:
-        until = time.monotonic() + self._patience_s
-        while True:
+        def once() -> M | bytes | None:
             replies: queue.SimpleQueue[Reply | None] = queue.SimpleQueue()
             self._bus.ask(key, encode(message), replies.put, TIMEOUT_MS)
             reply = replies.get()
-            if reply is not None and reply.ok:
-                return _as(reply.payload, expected)
-            what = "no learner answers here" if reply is None else _reason_to_wait(reply.payload)
+            if reply is None:
+                return None
+            if not reply.ok:
+                return reply.payload
+            return _read(partial(decode, reply.payload, expected))
+
+        return self._until_answered(once)
+
+    def _all_sessions(self) -> SessionList | bytes | None:
+        """Return the lists of all learners as one, else a refusal, else None."""
+        replies: queue.SimpleQueue[tuple[Reply, ...]] = queue.SimpleQueue()
+        self._bus.ask_all(self._keys.learner("list"), encode(SessionQuery()), replies.put, TIMEOUT_MS)
+        heard = replies.get()
+        lists = [reply.payload for reply in heard if reply.ok]
+        if not lists:
+            return next((reply.payload for reply in heard), None)
+        return _read(partial(union, lists))
+
+    def _until_answered(self, once: Callable[[], M | bytes | None]) -> M:
+        until = time.monotonic() + self._patience_s
+        while True:
+            answer = once()
+            if answer is not None and not isinstance(answer, bytes):
+                return answer
+            what = "no learner answers here" if answer is None else _reason_to_wait(answer)
             if time.monotonic() >= until:
                 raise OperatorError(
                     f"{what}: start one with `sfid up` or `sfid learner`, or check --connect and --deployment"
@@ -99,9 +122,9 @@ class Operator:
             self._pause(RETRY_S)
 
 
-def _as(payload: bytes, expected: type[M]) -> M:
+def _read(read: Callable[[], M]) -> M:
     try:
-        return decode(payload, expected)
+        return read()
     except DecodeError as error:
         raise OperatorError(
             f"the learner's answer cannot be read ({error}): is it of this version?"

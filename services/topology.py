@@ -105,7 +105,7 @@ def _services(keys: Keys) -> tuple[Node, ...]:
             serves=(keys.answer(), keys.join(), keys.control(), *sessions, keys.status("learner")),
             asks=(*worlds, keys.status("learner")),
             announces=(keys.service("learner"),),
-            watches=(keys.present(),),
+            watches=(keys.present(), keys.service("learner")),
         ),
     )
 

@@ -27,10 +27,11 @@ from services.aggregator.handing import Handing
 from services.aggregator.live import LiveCrowd, has_passed, shown
 from services.aggregator.optima import Optima
 from services.aggregator.reception import Reception
+from services.aggregator.relay import Relay
 from services.aggregator.report import Reporter
 from services.aggregator.upstream import Upstream
 from services.client import AnswerState, AnswerUpdate, EpisodeOver, Learnt, Opened, Refused, Update, Welcomed
-from services.runtime.bus import Bus, Reply, Request
+from services.runtime.bus import Bus
 from services.runtime.clock import Clock
 from services.runtime.durable_loop import DurableLoop, LoopSettings
 from services.runtime.journal import JournalError, Shard
@@ -56,7 +57,6 @@ UPSTREAM_TICK_MS = 100
 """How often a client that nothing comes to is asked whether it has something to repeat."""
 ANNOUNCE_MS = 200
 """How long a change of who is there may wait to be told: 200 who join at once are one announcement."""
-RELAY_TIMEOUT_MS = 5_000
 _AGGREGATED = {
     kind.value: kind
     for kind in (AnswerKind.LABEL, AnswerKind.REWARD, AnswerKind.GUIDANCE, AnswerKind.MISTAKE)
@@ -116,8 +116,7 @@ class Aggregator:
         self.bus.serve(keys.answer(), receiver(self.reception.on_answer))
         self.bus.serve(keys.join(), receiver(self.reception.on_join))
         self.bus.serve(keys.control(), receiver(self.reception.on_control))
-        for verb in ("list", "show"):
-            self.bus.serve(keys.learner(verb), self._relay(self.learners.learner(verb)))
+        Relay(self.bus, self.learners).open(keys)
         desk = StatusDesk("aggregator", self.config.name, self._clock, self._facts)
         status = self.learners.status("aggregator", self.config.name)
         self.bus.serve(status, receiver(desk.reply, needs_journal=False))
@@ -133,18 +132,6 @@ class Aggregator:
             "refused": self.reception.desk.refusals(),
             **self.loop.commits.facts(),
         }
-
-    def _relay(self, key: str) -> Callable[[Request], None]:
-        """Return a server that passes a question about sessions on to the learner."""
-
-        def relay(request: Request) -> None:
-            def reply(answer: Reply | None) -> None:
-                if answer is not None:
-                    (request.reply if answer.ok else request.reply_error)(answer.payload)
-
-            self.bus.ask(key, request.payload, reply, RELAY_TIMEOUT_MS)
-
-        return relay
 
     def run(self, stop: threading.Event) -> None:
         """Turn until `stop` is set, then drain: nothing that was acknowledged waits in memory afterwards."""

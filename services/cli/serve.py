@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from protocol.keys import checked
+from services.cli.failure import CommandError
 from services.cli.options import (
     ENDPOINT,
     Access,
@@ -23,6 +24,16 @@ from services.topology import Role
 
 WATCHING_YIELDS = 10
 """Niceness of the monitor: where processors are few, teaching goes first."""
+Shards = Annotated[
+    int,
+    typer.Option(
+        min=1, max=1_024, help="Shards of the data directory, shared out between as many learners; for good."
+    ),
+]
+HomeShard = Annotated[
+    int | None,
+    typer.Option(min=0, help="Shard, from 0, that it begins with; without it, what no other learner holds."),
+]
 
 
 def add_to(app: typer.Typer) -> None:
@@ -117,29 +128,38 @@ def environment(
         bus.close()
 
 
-def learner(
-    data: Annotated[Path, typer.Option(help="Directory of the journal; one learner at a time.")],
+def learner(  # noqa: PLR0917 - one argument a flag
+    data: Annotated[Path, typer.Option(help="Directory of the journal; one learner, or as many as shards.")],
     connect: Connect = ENDPOINT,
     access: Access = None,
     deployment: Deployment = "local",
-    shard: Annotated[int, typer.Option(help="Shard of the data directory, 0 or more.")] = 0,
+    shards: Shards = 1,
+    shard: HomeShard = None,
     require_tokens: RequireTokens = False,
     verbose: Verbose = False,
     supervised_fd: SupervisedFd = None,
 ) -> None:
     """Run the learner: it owns sessions and their journal, opens decisions, acknowledges answers."""
+    from services.learner import pool
     from services.learner.config import LearnerConfig
     from services.learner.service import run
     from services.runtime.clock import SystemClock
     from services.runtime.secret import FOLDER, load_secrets
 
     checked(deployment, "deployment")
+    if shard is not None and shard >= shards:
+        raise CommandError(f"--shard {shard}: of {shards} there are 0 to {shards - 1}: pass --shards as well")
     secrets = tuple(load_secrets(data / FOLDER))
-    config = LearnerConfig(data, deployment, shard, require_tokens=require_tokens, check_secrets=secrets)
+    config = LearnerConfig(
+        data, deployment, shards=shards, require_tokens=require_tokens, check_secrets=secrets
+    )
     process = ServiceProcess(ProcessConfig("learner", supervised_fd, verbose))
     bus = service_bus(connect, process.stop, Role.LEARNER, access)
     try:
-        run(config, bus, SystemClock(), process.ready, process.stop)
+        if shards == 1:
+            run(config, bus, SystemClock(), process.ready, process.stop)
+        else:
+            pool.run(config, shard, bus, SystemClock(), process.ready, process.stop)
     finally:
         bus.close()
 

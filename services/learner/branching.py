@@ -9,6 +9,7 @@ from protocol.branching import Origin, branch_records, origin_body, read_origin,
 from protocol.journal import Kind, Record, digest_body, fold
 from protocol.messages import Branch, Refusal
 from services.learner.live import recovered
+from services.learner.ownership import BRANCH
 from sfid_core.session.events import Paused, Restarted, TeacherLeft
 
 if TYPE_CHECKING:
@@ -35,6 +36,12 @@ def branch(learner: Learner, message: Branch) -> Refusal | None:
         return Refusal(
             code="conflict", reason=f"session {message.branch} is another one: name the branch otherwise"
         )
+    if not learner.owns(message.branch):
+        reason = (
+            f"of several learners one has {message.session} and its branches: "
+            f"begin the branch's name with {message.session}{BRANCH}"
+        )
+        return Refusal(code="invalid", reason=reason)
     if len(learner.sessions) >= learner.config.sessions_max:
         return Refusal(
             code="busy", reason=f"this learner has {learner.config.sessions_max} sessions: start another"
@@ -61,7 +68,7 @@ def _begin(learner: Learner, message: Branch, rows: list[Row], copied: list[Reco
     if folded is None:
         return
     live = recovered(folded, learner.keys)
-    learner.sessions[live.name] = live
+    learner.take_in(live)
     for row, record in zip(rows, copied, strict=False):
         kind, unique = Kind(record.kind), row.unique
         learner.append(live, kind, record.body, record.at_ns, unique, row.person)

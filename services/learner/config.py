@@ -11,6 +11,16 @@ class LearnerConfig:
     data_dir: Path
     deployment: str = "local"
     shard: int = 0
+    shards: int = 1
+    """Shards of the data directory; more than one are shared out between the learners of a pool."""
+    takeover_ms: int = 2_000
+    """For how long nobody has held a shard before another learner of the pool takes it: time to restart."""
+    settle_ms: int = 5_000
+    """The same for a learner that has just started: the others may start as well."""
+    burden_ms: int = 250
+    """By how much each shard that it holds makes a learner wait longer for one more."""
+    jitter_ms: int = 500
+    """Up to how much longer a learner waits, by chance."""
     inbox_max: int = 16_384
     """Messages waiting, at most: a second of 32 teachers at full speed. More are refused with "busy"."""
     waiting_max: int = 32

@@ -15,11 +15,11 @@ from protocol.messages import (
     JournalRows,
     Refusal,
     RowsQuery,
-    SessionList,
     SessionQuery,
     SessionReport,
     SessionSummary,
 )
+from protocol.session_union import fitting
 from protocol.translate import TEACHERS_NAMED_MAX, episode_message, label_totals
 from services.learner.branching import branch
 from services.learner.live import created
@@ -27,7 +27,7 @@ from sfid_core.learning.parameters import ParameterError
 from sfid_core.session.events import Restarted
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable
 
     from services.learner.live import LiveSession
     from services.learner.service import Learner
@@ -38,8 +38,6 @@ log = logging.getLogger("sfid.learner")
 EPISODES_A_REPORT = 100
 """About 25 KB: well within the largest payload."""
 SENDERS_A_REPORT = 100
-LIST_BYTES_MAX = PAYLOAD_MAX - 1_024
-"""A longer reply would be dropped in silence on its way: some 300 sessions fit."""
 
 ROWS_A_PAGE = 256
 """Rows of the journal in one reply: some 2 ms of the loop, so that teaching goes on beside a late watcher."""
@@ -49,7 +47,7 @@ ROW_BYTES = 64
 
 
 class Office:
-    """Serves requests about sessions on the loop's thread."""
+    """Serves requests about sessions on the loop's thread; what belongs to another shard is dropped."""
 
     def __init__(self, learner: Learner) -> None:
         self._learner = learner
@@ -64,6 +62,8 @@ class Office:
     def _on_create(self, request: Request) -> None:
         try:
             message = decode(request.payload, CreateSession)
+            if not self._learner.owns(message.session):
+                return
             refusal = self._create(message)
         except DecodeError as error:
             refusal = Refusal(code="malformed", reason=str(error))
@@ -76,7 +76,10 @@ class Office:
 
     def _on_branch(self, request: Request) -> None:
         try:
-            refusal = branch(self._learner, decode(request.payload, Branch))
+            message = decode(request.payload, Branch)
+            if not self._learner.owns(message.session):
+                return
+            refusal = branch(self._learner, message)
         except DecodeError as error:
             refusal = Refusal(code="malformed", reason=str(error))
         if refusal is not None:
@@ -99,7 +102,7 @@ class Office:
                 code="busy", reason=f"this learner has {learner.config.sessions_max} sessions: start another"
             )
         live = created(message, learner.keys)
-        learner.sessions[message.session] = live
+        learner.take_in(live)
         at_ns = learner.loop.at_ns()
         learner.append(live, Kind.CREATED, encode(message), at_ns)
         log.info("session %s created: %s on %s", live.name, message.method, message.world.level_name)
@@ -107,7 +110,7 @@ class Office:
         return None
 
     def _on_list(self, request: Request) -> None:
-        request.reply(encode(SessionList(sessions=_fitting(self._learner.sessions.values()))))
+        request.reply(encode(fitting(map(_summary, reversed(self._learner.sessions.values())))))
 
     def _on_show(self, request: Request) -> None:
         try:
@@ -117,8 +120,7 @@ class Office:
             return
         live = self._learner.sessions.get(message.session or "")
         if live is None:
-            reason = f"no session {message.session} here: `sfid session list` shows what there is"
-            request.reply_error(encode(Refusal(code="unknown-session", reason=reason)))
+            self._unknown(request, message.session or "")
             return
         # After the commit: whoever reads the journal next finds what the report says.
         self._learner.loop.reply_durably(request, self._report(live, message.first_episode))
@@ -130,11 +132,15 @@ class Office:
             request.reply_error(encode(Refusal(code="malformed", reason=str(error))))
             return
         if message.session not in self._learner.sessions:
-            reason = f"no session {message.session} here: `sfid session list` shows what there is"
-            request.reply_error(encode(Refusal(code="unknown-session", reason=reason)))
+            self._unknown(request, message.session)
             return
         # After the commit, as a report: no reader is told what a crash could still take back.
         self._learner.loop.reply_durably(request, self._rows(message.session, message.after_seq))
+
+    def _unknown(self, request: Request, session: str) -> None:
+        if self._learner.owns(session):
+            reason = f"no session {session} here: `sfid session list` shows what there is"
+            request.reply_error(encode(Refusal(code="unknown-session", reason=reason)))
 
     def _rows(self, session: str, after_seq: int) -> JournalRows:
         rows: list[JournalRow] = []
@@ -168,19 +174,6 @@ class Office:
             first_episode=first,
             episodes=tuple(episode_message(measures, session, at_ns) for at_ns, _, measures in shown),
         )
-
-
-def _fitting(sessions: Iterable[LiveSession]) -> tuple[SessionSummary, ...]:
-    """Return a line about every session, or, where they are too many for a message, about the latest."""
-    chosen: list[SessionSummary] = []
-    size = 0
-    for live in reversed(tuple(sessions)):
-        summary = _summary(live)
-        size += len(encode(summary))
-        if size > LIST_BYTES_MAX:
-            break
-        chosen.append(summary)
-    return tuple(reversed(chosen))
 
 
 def _summary(live: LiveSession) -> SessionSummary:

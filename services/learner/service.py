@@ -2,7 +2,8 @@
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
@@ -12,8 +13,10 @@ from protocol.keys import KeyNameError, Keys
 from protocol.messages import Decision, Wire
 from protocol.translate import decision_message, episode_message, step_message
 from services.learner.config import LearnerConfig
+from services.learner.doors import Doors
 from services.learner.live import LiveSession, recovered
 from services.learner.office import Office
+from services.learner.ownership import agree_on_shards, shard_of
 from services.learner.reception import Reception
 from services.learner.recovery import Recovery
 from services.learner.standing import Standing
@@ -54,6 +57,7 @@ class Learner:
         self.reception = Reception(self)
         self.office = Office(self)
         self.standing = Standing(self, clock)
+        self.doors = Doors(self)
 
     # ------------------------------------------------------------ life
 
@@ -65,7 +69,7 @@ class Learner:
         started_ns = self.loop.at_ns()
         for name, folded in (recovery or Recovery()).sessions(self.shard):
             self.sessions[name] = recovered(folded, self.keys)
-        self._declare()
+        self.doors.open()
         for live in list(self.sessions.values()):
             if live.session.phase is not Phase.FINISHED:
                 self.happen(live, Restarted(self.shard.epoch))
@@ -80,16 +84,15 @@ class Learner:
         self.loop.call_later(self.config.teachers_gone_ms, self._mark_gone, before)
         self.reception.desk.let_go(self._let_go)
 
-    def _declare(self) -> None:
-        keys, enqueue = self.keys, self.loop.receiver
-        self.bus.watch(keys.present(), lambda presence: self.loop.enqueue(self._on_presence, presence))
-        self.bus.serve(keys.answer(), enqueue(self.reception.on_answer))
-        self.bus.serve(keys.join(), enqueue(self.reception.on_join))
-        self.bus.serve(keys.control(), enqueue(self.reception.on_control))
-        for verb, handle in self.office.verbs.items():
-            self.bus.serve(keys.learner(verb), enqueue(handle))
-        self.bus.serve(self.standing.key, enqueue(self.standing.reply, needs_journal=False))
-        self.bus.announce(keys.service("learner", f"shard-{self.config.shard}"))
+    def owns(self, session: str) -> bool:
+        """Tell whether a session of this name belongs to this shard, whether there is one or not."""
+        shards = self.config.shards
+        return shards == 1 or shard_of(session, shards) == self.config.shard
+
+    def take_in(self, live: LiveSession) -> None:
+        """Have a new session."""
+        self.sessions[live.name] = live
+        self.doors.open_session(live.name)
 
     def run(self, stop: threading.Event) -> None:
         """Turn until `stop` is set, then drain: nothing that was acknowledged waits in memory afterwards."""
@@ -203,10 +206,13 @@ class Learner:
 
     # ------------------------------------------------------------ presence
 
-    def _on_presence(self, presence: Presence) -> None:
+    def on_presence(self, presence: Presence) -> None:
+        """Note that somebody has come, or is gone."""
         try:
             session, teacher = self.keys.session_and_teacher(presence.key)
         except KeyNameError:  # anybody may announce anything
+            return
+        if not self.owns(session):
             return
         live = self.sessions.get(session)
         if presence.present:
@@ -250,9 +256,23 @@ def run(
     config: LearnerConfig, bus: Bus, clock: Clock, ready: Callable[[], None], stop: threading.Event
 ) -> None:
     """Open the journal, take up every session and serve until `stop` is set."""
+    agree_on_shards(config.data_dir, 1)
+    with opened(config, bus, clock) as learner:
+        ready()
+        learner.run(stop)
+
+
+@contextmanager
+def opened(config: LearnerConfig, bus: Bus, clock: Clock) -> Iterator[Learner]:
+    """Take the shard and every session of it up, and give them back at the end.
+
+    Raises: JournalError, as `Shard.open`, also when a session cannot be read.
+    """
     recovery = Recovery()
     with Shard.open(config.data_dir, config.shard, recovery.begin) as shard:
         learner = Learner(config, bus, shard, clock)
-        learner.open(recovery)
-        ready()
-        learner.run(stop)
+        try:
+            learner.open(recovery)
+            yield learner
+        finally:
+            learner.doors.close()

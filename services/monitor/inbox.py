@@ -14,9 +14,9 @@ TAKEN_MAX = 128
 
 @dataclass(frozen=True, slots=True)
 class Listed:
-    """The learner's answer to which sessions there are; None when it gave none."""
+    """What learners answer to which sessions there are."""
 
-    reply: Reply | None
+    replies: tuple[Reply, ...]
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,12 +12,12 @@ from protocol.messages import (
     Crowd,
     Decision,
     Episode,
-    SessionList,
     SessionQuery,
     SessionReport,
     SessionSummary,
     Step,
 )
+from protocol.session_union import union
 from services.monitor.config import MonitorConfig, MonitorError
 from services.monitor.inbox import Asked, Inbox, Listed, Shown, Told
 from services.monitor.live import Live
@@ -102,10 +102,10 @@ class Worker:
             self._watch(self._config.session)
             return
         query = encode(SessionQuery())
-        self._bus.ask(
+        self._bus.ask_all(
             self._keys.learner("list"),
             query,
-            lambda reply: self.inbox.put_reply(Listed(reply)),
+            lambda replies: self.inbox.put_reply(Listed(replies)),
             ASK_TIMEOUT_MS,
         )
 
@@ -206,10 +206,8 @@ class Worker:
             watched.view.chronicle.note(f"a message cannot be read and is skipped: {detail}", level="WARN")
 
     def _take_list(self, listed: Listed) -> None:
-        if listed.reply is None or not listed.reply.ok:
-            return
         try:
-            sessions = decode(listed.reply.payload, SessionList).sessions
+            sessions = union(reply.payload for reply in listed.replies if reply.ok).sessions
         except DecodeError as error:
             self._count_malformed(self._keys.learner("list"), str(error))
             return
