@@ -353,13 +353,7 @@ class _Ask:
     """One question; its first outcome counts."""
 
     def __init__(
-        self,
-        asker: FaultyBus,
-        server: FaultyBus,
-        number: int,
-        key: str,
-        payload: bytes,
-        receive: Outcome,
+        self, asker: FaultyBus, server: FaultyBus, number: int, key: str, payload: bytes, receive: Outcome
     ) -> None:
         self.asker, self.server, self.number, self.key, self.payload = asker, server, number, key, payload
         self._receive: Outcome | None = receive
