@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from services.cli.options import Json, print_json
+from services.cli.tables import print_whole
 from sfid_core.learning.method import Method
 from sfid_core.learning.methods import METHODS, method_named
 from sfid_core.learning.parameters import Choice, Value, as_written, limits
@@ -38,7 +39,7 @@ def methods(name: Name = None, as_json: Json = False) -> None:
     table = _table("method", "asks", "what")
     for method in METHODS.values():
         table.add_row(method.name, asks(method), method.summary)
-    Console().print(table)
+    print_whole(table)
 
 
 def teachers(name: Name = None, as_json: Json = False) -> None:
@@ -52,7 +53,7 @@ def teachers(name: Name = None, as_json: Json = False) -> None:
     table = _table("teacher", "who")
     for each, persona in PERSONAS.items():
         table.add_row(each, persona.summary)
-    Console().print(table)
+    print_whole(table)
 
 
 def asks(method: Method) -> str:
@@ -77,7 +78,7 @@ def _show(name: str, what: str, parameters: Any, *, as_json: bool) -> None:  # n
     for row in parameter_rows(parameters):
         source = f" ({row['source']})" if row["source"] else ""
         table.add_row(str(row["name"]), str(row["value"]), str(row["range"]), f"{row['meaning']}{source}")
-    console.print(table)
+    print_whole(table, console)
 
 
 def meanings(kind: type[Any]) -> dict[str, str]:

@@ -26,6 +26,7 @@ from services.cli.experiment_shared import (
     world_spec,
 )
 from services.cli.options import Json, Level, Seed, Starts, print_json
+from services.cli.tables import print_whole
 from sfid_core.experiments.summary import ArmSummary, Measure
 
 experiment_app = typer.Typer(
@@ -86,7 +87,7 @@ def figure2(
         print_json(document)
         return
     console = Console()
-    console.print(arm_table(summaries))
+    print_whole(arm_table(summaries), console)
     print_findings(console, claims, files)
 
 

@@ -18,6 +18,7 @@ from services.cli.experiment_shared import (
     world_spec,
 )
 from services.cli.options import Json, Seed, print_json
+from services.cli.tables import print_whole
 from sfid_core.experiments.summary import ArmSummary
 from sfid_core.session.config import WorldSpec
 
@@ -68,8 +69,8 @@ def circuits(
         })  # fmt: skip
         return
     console = Console()
-    console.print(minimum_table(minima))
-    console.print(case_table(summaries))
+    print_whole(minimum_table(minima), console)
+    print_whole(case_table(summaries), console)
     print_findings(console, claims, files)
 
 

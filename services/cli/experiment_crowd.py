@@ -17,12 +17,13 @@ from services.cli.experiment_shared import (
     check_folder,
     claim_folder,
     print_findings,
-    progress,
     seed_range,
     world_spec,
 )
 from services.cli.failure import CommandError
 from services.cli.options import Json, Level, Seed, print_json
+from services.cli.progress import progress
+from services.cli.tables import print_whole
 from sfid_core.crowd.settings import CrowdMethod, CrowdSettings, crowd_method
 from sfid_core.experiments.claims import Claim
 from sfid_core.experiments.crowd import CrowdCondition
@@ -85,7 +86,7 @@ def crowd(  # noqa: PLR0917 - one argument a flag
         print_json(head | _document(conditions, results, summaries, claims, files))
         return
     console = Console()
-    console.print(crowd_table(summaries))
+    print_whole(crowd_table(summaries), console)
     print_findings(console, claims, files)
 
 

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from services.cli.experiment_shared import Out, Plain, Seeds, Workers, print_findings, run_all, seed_range
 from services.cli.options import Json, Seed, Starts, print_json
+from services.cli.tables import print_whole
 from sfid_core.experiments.guidance import CONVERGED, INPUTS, STEPS, Benefit
 from sfid_core.experiments.summary import ArmSummary
 
@@ -58,7 +59,7 @@ def guidance(
         })  # fmt: skip
         return
     console = Console()
-    console.print(guidance_table(summaries, benefits))
+    print_whole(guidance_table(summaries, benefits), console)
     print_findings(console, claims, files)
 
 

@@ -22,6 +22,7 @@ from services.cli.experiment_shared import (
     world_spec,
 )
 from services.cli.options import Json, Seed, print_json
+from services.cli.tables import print_whole
 from sfid_core.experiments.claims import Claim
 from sfid_core.experiments.condition import Condition, Results
 from sfid_core.experiments.intervals import Resampling
@@ -87,7 +88,7 @@ def learners(  # noqa: PLR0917 - one argument a flag
         return
     for one in found:
         console = Console()
-        console.print(learner_table(one))
+        print_whole(learner_table(one), console)
         print_findings(console, one.claims, ())
     print_findings(Console(), (), files)
 

@@ -38,6 +38,7 @@ from services.cli.session_source import (
     chosen,
     recorded,
 )
+from services.cli.tables import print_whole
 from sfid_core.experiments.condition import Condition
 from sfid_core.experiments.summary import ArmSummary, Measure
 from sfid_core.teaching.personas import PERSONAS, persona_named
@@ -166,7 +167,7 @@ def _report(
         print_json(document | {"files": [str(path) for path in files]})
         return
     console = Console()
-    console.print(episode_table(summary))
+    print_whole(episode_table(summary), console)
     print_findings(console, (), files)
 
 

@@ -3,18 +3,17 @@
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TextIO
+from typing import Annotated, NamedTuple
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from services.cli.failure import CommandError
 from services.cli.level_files import check_starts, find_level
+from services.cli.progress import progress
 from services.cli.session import SEED_MAX
 from services.cli.warnings import warn
 from services.experiments.runnable import Runnable
@@ -128,45 +127,6 @@ def claim_folder(folder: Path, conditions: Sequence[Runnable], seeds: Sequence[i
             message = f"{folder} holds another experiment ({held.get('what')}): name a new folder"
             raise CommandError(message)
     note.write_text(json.dumps({"what": what, "sha256": digest}) + "\n", encoding="utf-8")
-
-
-LINE_EVERY_S = 3.0
-"""How often progress is told where no bar can be drawn: in a log, through a pipe."""
-
-
-@contextmanager
-def progress(what: str) -> Iterator[Any]:
-    """Yield a function that shows how much is done, on stderr alone: a bar, or a line now and then."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield told_in_lines(what, time.monotonic, LINE_EVERY_S)
-        return
-    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as shown:
-        task = shown.add_task(what)
-        yield lambda done, total: shown.update(task, completed=done, total=total)
-
-
-def told_in_lines(
-    what: str, clock: Callable[[], float], every_s: float, stream: TextIO | None = None
-) -> Callable[[int, int], None]:
-    """Return a function that tells how much is done in a line on stderr, at most one in `every_s` seconds.
-
-    Args: clock: seconds that only grow; stream: in place of stderr.
-    """
-    began = last = clock()
-
-    def told(done: int, total: int) -> None:
-        nonlocal last
-        now = clock()
-        if now - last < every_s or not 0 < done < total:
-            return
-        last = now
-        left_s = (now - began) / done * (total - done)
-        line = f"{what}: {done:,} of {total:,}, about {left_s:,.0f} s left"
-        print(line, file=stream or sys.stderr, flush=True)
-
-    return told
 
 
 def print_findings(console: Console, claims: Sequence[Claim], files: Sequence[Path]) -> None:

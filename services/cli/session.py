@@ -48,6 +48,7 @@ from services.cli.tables import labels_line, print_episodes, report_document
 from services.cli.waiting import connected_bus
 from services.cli.warnings import warn
 from services.operator import Operator, OperatorError
+from services.runtime.schema_fault import in_words
 from services.topology import Role
 from sfid_core.learning.methods import METHODS
 from sfid_core.learning.parameters import Value
@@ -103,7 +104,7 @@ def session_config(  # noqa: PLR0917 - one argument a flag
     try:
         return decode(encode(config), CreateSession)
     except DecodeError as error:
-        message = f"the session cannot be created ({error}): change that value"
+        message = f"the session cannot be created: {in_words(error.detail)}"
         raise CommandError(message) from None
 
 

@@ -108,8 +108,9 @@ def _row(one: Found) -> dict[str, Any]:
 
 def _print_table(found: list[Found]) -> None:
     from rich.box import SIMPLE_HEAD
-    from rich.console import Console
     from rich.table import Table
+
+    from services.cli.tables import print_whole
 
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for heading in ("role", "name", "ready", "up for", "running", "people", "backlog", "last commit"):
@@ -124,4 +125,4 @@ def _print_table(found: list[Found]) -> None:
             one.role, one.name, "yes" if said.ready else "no", f"{said.uptime_ms / 1000:.0f} s",
             f"{said.running} of {said.sessions}", str(said.teachers), str(said.backlog), ago,
         )  # fmt: skip
-    Console().print(table)
+    print_whole(table)

@@ -5,10 +5,30 @@ from typing import Any
 
 import msgspec
 from rich.box import SIMPLE_HEAD
+from rich.cells import cell_len
 from rich.console import Console
+from rich.measure import Measurement
 from rich.table import Table
 
 from protocol.messages import Episode, LabelTotals, SessionReport
+
+COLUMNS_MAX = 10_000
+
+
+def print_whole(table: Table, console: Console | None = None) -> None:
+    """Print a table without cutting any cell: where the terminal, or a pipe's 80 columns, are too few, wider.
+
+    Text that may be wrapped is wrapped first.
+    """
+    console = console or Console()
+    for column in table.columns:
+        if column.no_wrap:  # rich would cut these first, and not count them whole in a table's least width
+            column.min_width = max(cell_len(str(cell)) for cell in (column.header, *column.cells))
+    own = console.width
+    needed = Measurement.get(console, console.options.update_width(COLUMNS_MAX), table).minimum
+    console.width = max(own, needed)
+    console.print(table)
+    console.width = own
 
 
 def episode_rows(episodes: Sequence[Episode]) -> list[dict[str, Any]]:
@@ -66,7 +86,7 @@ def print_episodes(console: Console, episodes: Sequence[Episode]) -> None:
             f"{row['discounted_env_return']:.2f}",
             str(row["inputs"]),
         )
-    console.print(table)
+    print_whole(table, console)
 
 
 def labels_line(labels: LabelTotals) -> str:

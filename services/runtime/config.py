@@ -7,6 +7,8 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from services.runtime.schema_fault import in_words
+
 Port = Annotated[int, Meta(ge=0, le=65_535)]
 
 
@@ -92,5 +94,5 @@ def read_config(path: Path) -> Config:
                 *(f"aggregator.{f}" for f in AggregatorSection.__struct_fields__),
             ]
         )
-        message = f"{path}: {error}: known keys are {known}"
+        message = f"{path}: {in_words(str(error))}; known keys are {known}"
         raise ConfigError(message) from None

@@ -10,6 +10,7 @@ from typing import Annotated, TypeVar
 import msgspec
 from msgspec import Meta
 
+from services.runtime.schema_fault import in_words
 from sfid_core.learning.methods import method_parameters
 from sfid_core.learning.parameters import ParameterError
 from sfid_core.session.config import Window, WindowMode
@@ -128,7 +129,8 @@ def read_study(path: Path, find_level: FindLevel) -> StudyFile:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise StudyError(f"{path}: not TOML: {error}: mend that line") from None
     except msgspec.ValidationError as error:
-        raise StudyError(f"{path}: {error}: `sfid study new` writes a file with every key") from None
+        said = f"{path}: {in_words(str(error))}"
+        raise StudyError(f"{said}; `sfid study new` writes a file with every key") from None
     try:
         study = _study(file, find_level)
     except (StudyError, ParameterError, WorldError, LevelError) as error:

@@ -372,4 +372,5 @@ def default_outbox(config: KeyboardConfig) -> Path:
 
 def _farewell(session: str, saved: int, waiting: int, path: Path) -> str:
     kept = f"; {waiting} not acknowledged yet, kept in {path} for your next visit" if waiting else ""
-    return f"left session {session}: {saved} answers saved{kept}\n"
+    answers = "1 answer" if saved == 1 else f"{saved} answers"
+    return f"left session {session}: {answers} saved{kept}\n"

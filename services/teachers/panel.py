@@ -8,6 +8,7 @@ from services.teachers.progress import Note, Progress
 ARROWS = {"LEFT": "←", "RIGHT": "→", "UP": "↑", "DOWN": "↓"}
 BAR_CELLS = 24
 GOOD, BAD, QUIET, STRONG = "bold #56b4e9", "bold #e69f00", "dim", "bold"
+TEACHERS_NAMED = 6
 _BARS = "▁▂▃▄▅▆▇█"
 _PHASES = {
     "gathering": "waits for teachers",
@@ -126,9 +127,11 @@ def _result(episode: Episode) -> str:
 def _company(decision: Decision) -> Text:
     if not decision.teachers_present:
         return Text()
-    named = ", ".join(decision.teachers[:6])
-    more = decision.teachers_present - min(6, len(decision.teachers))
-    return Text(f"teachers: {named}" + (f" and {more} more" if more > 0 else ""), QUIET)
+    named = decision.teachers[:TEACHERS_NAMED]
+    if not named:  # nobody is named to each other: in a crowd, or where there are too many
+        return Text(f"teachers: {decision.teachers_present}", QUIET)
+    more = decision.teachers_present - len(named)
+    return Text(f"teachers: {', '.join(named)}" + (f" and {more} more" if more > 0 else ""), QUIET)
 
 
 def sparkline(numbers: list[int], cells: int = BAR_CELLS) -> str:

@@ -2,6 +2,9 @@
 
 import { cry, el } from "./dom.js";
 
+const lacking = (count) => (count === 1 ? "One answer is still missing." : `${count} answers are still missing.`);
+const empty = (value) => value === null || value === "" || value === false;
+
 export class Form {
   constructor(wire, screen) {
     this.wire = wire;
@@ -18,6 +21,7 @@ export class Form {
       this.problem,
       el("div", { class: "row" }, ...screen.buttons.map((button) => this.button(button))),
     );
+    for (const name of ["input", "pointerdown", "keydown"]) this.root.addEventListener(name, () => this.recount());
   }
 
   close() {}
@@ -79,17 +83,26 @@ export class Form {
       const value = this.getters.get(field.name)();
       values[field.name] = value;
       const box = this.root.querySelector(`[data-field="${field.name}"]`);
-      const lacks = button.fills && field.required && (value === null || value === "" || value === false);
+      const lacks = button.fills && field.required && empty(value);
       box.classList.toggle("lacks", lacks);
       if (lacks) missing.push(box);
     }
     if (missing.length) {
-      this.refused(missing.length === 1 ? "One answer is still missing." : `${missing.length} answers are still missing.`);
+      this.refused(lacking(missing.length));
       missing[0].querySelector("input, textarea")?.focus();
       return;
     }
     this.problem.textContent = "";
     this.wire.send({ type: "submit", screen: this.screen.name, button: button.name, values: button.fills ? values : {} });
+  }
+
+  // What was missing may have been given since: the line says what still is.
+  recount() {
+    const boxes = [...this.root.querySelectorAll(".lacks")];
+    if (!boxes.length) return;
+    const left = boxes.filter((box) => empty(this.getters.get(box.dataset.field)()));
+    for (const box of boxes) box.classList.toggle("lacks", left.includes(box));
+    this.problem.textContent = left.length ? lacking(left.length) : "";
   }
 
   refused(text) {

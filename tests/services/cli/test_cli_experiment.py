@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from services.cli.experiment_shared import told_in_lines
+from services.cli.progress import Lines
 from tests.services.cli.command_line import alive, kill, running, sfid, wait_for
 
 HOPELESS = "#####\n#@$ #\n# . #\n#####\n"
@@ -192,10 +192,28 @@ def test_a_recorded_session_is_replayed_under_another_method(tmp_path: Path) -> 
 def test_progress_is_a_line_now_and_then_where_no_bar_can_be_drawn() -> None:
     seconds = iter([0.0, 4.0, 10.0, 15.0, 20.0, 31.0])
     log = StringIO()
-    told = told_in_lines("seeds", lambda: next(seconds), 10.0, log)
+    told = Lines("seeds", lambda: next(seconds), 10.0, log)
     for done in (1, 100, 150, 200, 400):
         told(done, 400)
     assert log.getvalue() == ("seeds: 100 of 400, about 30 s left\nseeds: 200 of 400, about 20 s left\n")
+
+
+def test_progress_is_told_although_one_piece_of_the_work_takes_long() -> None:
+    seconds = iter([0.0, 9.0, 12.0, 24.0, 25.0, 30.0, 40.0, 60.0])
+    log = StringIO()
+    told = Lines("seeds", lambda: next(seconds), 10.0, log)
+    told.beat()
+    told.beat()
+    told(0, 4)
+    told(1, 4)
+    told.beat()
+    told.beat()
+    told(4, 4)
+    assert log.getvalue().splitlines() == [
+        "seeds: begun, 12 s so far",
+        "seeds: 0 of 4, 24 s so far",
+        "seeds: 1 of 4, about 120 s left",
+    ]
 
 
 def test_guidance_and_circuits_draw_figures_and_learners_leaves_a_recording(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from services.teachers.keyboard import (
     KeyboardApp,
     KeyboardConfig,
     KeyboardError,
+    _farewell,
     default_outbox,
     run,
 )
@@ -295,3 +296,10 @@ def test_teachers_of_one_machine_keep_their_answers_apart() -> None:
         default_outbox(KeyboardConfig(session, teacher)) for session in ("s1", "s2") for teacher in ("a", "b")
     }
     assert len(paths) == 4
+
+
+def test_a_person_who_leaves_is_told_how_many_answers_were_saved_and_which_wait() -> None:
+    assert _farewell("s1", 1, 0, Path("o")) == "left session s1: 1 answer saved\n"
+    assert _farewell("s1", 0, 2, Path("o")) == (
+        "left session s1: 0 answers saved; 2 not acknowledged yet, kept in o for your next visit\n"
+    )

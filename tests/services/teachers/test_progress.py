@@ -1,3 +1,5 @@
+from typing import Any
+
 import pytest
 
 from protocol.messages import Episode, SaidBy, Step, Welcome, WindowSpec
@@ -148,6 +150,20 @@ def test_the_panel_says_what_is_asked_and_how_things_stand() -> None:
         "teaching time 0:00\n"
         "teachers: ann, bob and 7 more"
     )
+
+
+@pytest.mark.parametrize(
+    "changes,said",
+    [
+        ({"teachers": (), "teachers_present": 1}, "teachers: 1"),
+        ({"teachers": ("ann",), "teachers_present": 1}, "teachers: ann"),
+        ({"teachers": tuple("abcdefgh"), "teachers_present": 9}, "teachers: a, b, c, d, e, f and 3 more"),
+    ],
+)
+def test_company_is_named_where_names_are_told_and_counted_where_not(
+    changes: dict[str, Any], said: str
+) -> None:
+    assert panel.situation(joined(**changes), 0).plain.splitlines()[-1] == said
 
 
 @pytest.mark.parametrize(
