@@ -51,7 +51,8 @@ def written_once(path: Path, content: bytes) -> None:
     """
     if path.exists():
         return
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    # Not by process number alone: containers on one volume have the same ones.
+    part = path.with_name(f"{path.name}.{os.getpid()}-{secrets.token_hex(4)}.part")
     handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     try:
         os.write(handle, content)
