@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
+from weakref import WeakValueDictionary
 
 from protocol.codec import DecodeError, decode, encode
 from protocol.keys import Keys
@@ -26,6 +27,7 @@ from sfid_core.outcome import Outcome
 from sfid_core.sokoban.actions import Action
 from sfid_core.sokoban.board import Board
 from sfid_core.sokoban.levels import LevelError
+from sfid_core.sokoban.solver import Solution
 from sfid_core.sokoban.world import Consequence, World, WorldConfig, WorldError, make_world
 
 log = logging.getLogger("sfid.environment")
@@ -100,6 +102,8 @@ class Environment:
     def __init__(self) -> None:
         self._episodes: dict[str, _Episode] = {}
         self._worlds: dict[bytes, Ground] = {}
+        self._solutions: WeakValueDictionary[str, Solution] = WeakValueDictionary()
+        """By level: sessions of other seeds share the tables of the first, as long as one of them lives."""
         self.refused: Counter[str] = Counter()
 
     @property
@@ -159,11 +163,25 @@ class Environment:
         key = encode(Begin(session="any", epoch=0, episode=0, seed=request.seed, world=request.world))
         world = self._worlds.pop(key, None)
         if world is None:
-            world = _ground(request.world, request.seed)
+            world = self._ground(request.world, request.seed)
         self._worlds[key] = world
         if len(self._worlds) > WORLDS_MAX:
             del self._worlds[next(iter(self._worlds))]
         return world
+
+    def _ground(self, spec: WorldSpec | GymWorld, seed: int) -> Ground:
+        if isinstance(spec, GymWorld):
+            from services.gym.world import GymGround  # noqa: PLC0415 - an extra that few deployments have
+
+            return GymGround(spec, seed)
+        rules = WorldConfig(spec.goal_reward, spec.step_reward, spec.deadlock_reward, spec.steps_max)
+        solution = self._solutions.get(spec.level)
+        if solution is not None:
+            return _SokobanGround(World(solution.table.level, rules, spec.starts, seed, solution))
+        world = make_world(spec.level, rules, spec.starts, seed)
+        if world.solution is not None:
+            self._solutions[spec.level] = world.solution
+        return _SokobanGround(world)
 
     def _execute(self, request: ExecuteAction) -> Wire:
         running = self._episodes.get(request.session)
@@ -196,15 +214,6 @@ class Environment:
         if outcome is not Outcome.RUNNING:
             running.close()
         return running.answered
-
-
-def _ground(spec: WorldSpec | GymWorld, seed: int) -> Ground:
-    if isinstance(spec, GymWorld):
-        from services.gym.world import GymGround  # noqa: PLC0415 - an extra that few deployments have
-
-        return GymGround(spec, seed)
-    rules = WorldConfig(spec.goal_reward, spec.step_reward, spec.deadlock_reward, spec.steps_max)
-    return _SokobanGround(make_world(spec.level, rules, spec.starts, seed))
 
 
 class _UnknownAction(Exception):  # noqa: N818 - it names what is wrong

@@ -1,10 +1,14 @@
 """A session in a running learner: the machine's state and what its shell keeps beside it."""
 
+import sys
 from dataclasses import dataclass, field
+from functools import lru_cache
+
+from msgspec.structs import replace
 
 from protocol.journal import Folded
 from protocol.keys import Keys
-from protocol.messages import CreateSession
+from protocol.messages import CreateSession, GymWorld
 from protocol.translate import action_names, config_of
 from sfid_core.session.state import Session, new_session
 
@@ -43,16 +47,34 @@ class LiveSession:
 
 def created(config: CreateSession, keys: Keys) -> LiveSession:
     """Return a new session; raise ParameterError when its configuration is not sound."""
-    actions = action_names(config.world)
-    session = new_session(config_of(config), len(actions))
+    config = _thrifty(config)
+    session = new_session(config_of(config), len(action_names(config.world)))
+    return _live(session, config, keys)
+
+
+def _live(session: Session, config: CreateSession, keys: Keys) -> LiveSession:
     topics = keys.decision(config.session), keys.measures(config.session)
-    return LiveSession(session, config, *topics, actions, {name: index for index, name in enumerate(actions)})
+    return LiveSession(session, config, *topics, *_numbered(action_names(config.world)))
+
+
+@lru_cache(256)  # shared by all sessions of a world
+def _numbered(actions: tuple[str, ...]) -> tuple[tuple[str, ...], dict[str, int]]:
+    return actions, {name: index for index, name in enumerate(actions)}
 
 
 def recovered(folded: Folded, keys: Keys) -> LiveSession:
     """Return the session that a journal tells."""
-    live = created(folded.config, keys)
-    live.session = folded.session
+    config = _thrifty(folded.config)
+    folded.session.config = config_of(config)
+    live = _live(folded.session, config, keys)
     live.known = folded.known
     live.actions_taken = folded.actions_taken
     return live
+
+
+def _thrifty(config: CreateSession) -> CreateSession:
+    """Return an equal configuration that shares its level's text (up to 16 KB) with all of that level."""
+    world = config.world
+    if isinstance(world, GymWorld):
+        return config
+    return replace(config, world=replace(world, level=sys.intern(world.level)))

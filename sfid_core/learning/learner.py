@@ -27,7 +27,8 @@ def learner_draws(seed: int, session: str) -> Draws:
 class Learner:
     """A method at work on states named by key.
 
-    Args: actions: number of actions, 1 or more; trail_steps: steps of an episode that a trail must hold.
+    Args: actions: number of actions, 1 or more; trail_steps: steps of an episode that a trail holds at most;
+    it grows with the episodes, few of which come near their cap.
     Rows that were only looked at count for nothing: digest and length tell of states learnt about.
     """
 
@@ -41,8 +42,9 @@ class Learner:
         self._width = method.width(actions)
         self._blank = [0.0] * self._width
         values: list[float] = []
-        trail = [0.0] * (trail_steps * method.trail)
-        self.memory = Memory(values, [0.0] * method.scalars, trail, actions, self._width)
+        self._trail: list[float] = []
+        self._trail_max = trail_steps * method.trail
+        self.memory = Memory(values, [0.0] * method.scalars, self._trail, actions, self._width)
         self._values = values
         # What a method leaves as it is need not be called at every step.
         self._settles = method.settle is not keep_action
@@ -87,6 +89,8 @@ class Learner:
         numbers = self._numbers
         here = numbers[state] if state in numbers else self._number(state)  # nearly always met before
         there = numbers[next_state] if next_state in numbers else self._number(next_state)
+        if self._trail_max and len(self._trail) < (step + 1) * self.method.trail:
+            self._lengthen_trail(step)
         transition = Transition(here, action, reward, there, terminal, step, *distances, span_ms)
         return self.method.learn(self.memory, self.parameters, transition, evidence)
 
@@ -107,6 +111,10 @@ class Learner:
     def sha256(self) -> str:
         """Return the hex SHA-256 of what was learnt; see `table_sha256`."""
         return table_sha256(self._numbers, self._values, self._width)
+
+    def _lengthen_trail(self, step: int) -> None:
+        wanted = max((step + 1) * self.method.trail, 2 * len(self._trail))
+        self._trail.extend([0.0] * (min(wanted, self._trail_max) - len(self._trail)))
 
     def _number(self, state: bytes) -> int:
         number = self._numbers.get(state)

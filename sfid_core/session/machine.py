@@ -57,9 +57,6 @@ from sfid_core.teaching.merge import SILENCE, merge
 Effects = tuple[Effect, ...]
 
 NOTHING_LEARNED = Learned(0.0, 0.0, 0.0)
-DEADLINES_KEPT = 16
-"""Decisions whose deadline is remembered. A person lags one decision behind, a stopped network a few; older
-is late."""
 
 
 def advance(session: Session, at_ns: int, event: Event) -> tuple[Session, Effects]:
@@ -155,9 +152,7 @@ def _set_deadline(session: Session, at_ns: int) -> None:
     endless = session.window.mode is WindowMode.UNTIL_ANSWERED
     deadline_ns = None if endless else at_ns + session.window.span_ms * 1_000_000 - session.elapsed_ns
     session.deadline_ns = None if session.paused else deadline_ns
-    session.deadlines_ns[session.decision] = deadline_ns
-    if len(session.deadlines_ns) > DEADLINES_KEPT:
-        del session.deadlines_ns[next(iter(session.deadlines_ns))]
+    session.deadlines.note(session.decision, deadline_ns)
 
 
 def _answer(session: Session, at_ns: int, event: AnswerGiven) -> Effects:
@@ -182,7 +177,7 @@ def _answer(session: Session, at_ns: int, event: AnswerGiven) -> Effects:
 
 
 def _too_late(session: Session, at_ns: int, event: AnswerGiven, *, counted: bool) -> AnswerCode:
-    deadline_ns = session.deadlines_ns.get(event.decision, 0)
+    deadline_ns = session.deadlines.of(event.decision)
     if deadline_ns is None or at_ns <= deadline_ns:
         session.counts.superseded += counted
         return AnswerCode.SUPERSEDED
@@ -366,7 +361,7 @@ def _stopped(session: Session, _at_ns: int, _event: Stopped) -> Effects:
 
 def _restarted(session: Session, at_ns: int, event: Restarted) -> Effects:
     session.epoch = event.epoch
-    session.deadlines_ns.clear()
+    session.deadlines.clear()
     if session.phase is Phase.GATHERING:
         return _gather(session)
     if session.phase is Phase.BEGINNING:

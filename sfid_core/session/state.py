@@ -8,6 +8,7 @@ from sfid_core.learning.kernels import Evidence
 from sfid_core.learning.learner import Learner, learner_draws
 from sfid_core.learning.methods import method_named
 from sfid_core.session.config import SessionConfig, Window
+from sfid_core.session.deadlines import Deadlines
 from sfid_core.session.episodes import EpisodeLog
 from sfid_core.session.events import StepTaken
 from sfid_core.session.measures import EpisodeTally, LabelCounts
@@ -79,8 +80,7 @@ class Session:
     """What the answers of the closed window come to."""
     transition: StepTaken | None = None
     """What the environment answered, while teachers judge it."""
-    deadlines_ns: dict[int, int | None] = field(default_factory=dict)
-    """Deadlines of the latest decisions, to tell superseded answers from late ones; None: no deadline."""
+    deadlines: Deadlines = field(default_factory=Deadlines)
     tally: EpisodeTally = field(default_factory=EpisodeTally)
     episodes: EpisodeLog = field(default_factory=EpisodeLog)
     counts: LabelCounts = field(default_factory=LabelCounts)

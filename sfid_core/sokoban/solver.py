@@ -76,8 +76,14 @@ class Solution:
         return tuple(actions)
 
     def solvable_states(self) -> StateIds:
-        """Return, ascending, the id of every placement that can be solved and is not solved yet."""
-        return np.flatnonzero(self.steps > 0)
+        """Return, ascending and read-only, the ids of all that can be solved and is not solved yet."""
+        return self._solvable
+
+    @cached_property
+    def _solvable(self) -> StateIds:
+        found = np.flatnonzero(self.steps > 0)
+        found.setflags(write=False)  # all worlds of the level draw their starts from this one
+        return found
 
     def _pushed(self, board: Board, action: Action) -> int:
         return self.table.state_id(step(board, action).board)

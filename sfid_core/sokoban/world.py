@@ -73,15 +73,25 @@ class World:
     Args:
         starts: a Starts, or its text: "1", "N", "all", "within:K".
         seed: any int of at most 64 bits; decides the drawn starts and their order.
+        solution: the exact distances of this level, where another world has them already.
 
     Building one is cheap; the level is solved when that is first needed.
     """
 
-    def __init__(self, level: Level, config: WorldConfig, starts: Starts | str, seed: int) -> None:
+    def __init__(
+        self,
+        level: Level,
+        config: WorldConfig,
+        starts: Starts | str,
+        seed: int,
+        solution: Solution | None = None,
+    ) -> None:
         self.level = level
         self.config = config
         self.starts = Starts.parse(starts) if isinstance(starts, str) else starts
         self.seed = seed
+        if solution is not None:
+            self.__dict__["solution"] = solution  # what the cached property would compute
 
     @cached_property
     def solution(self) -> Solution | None:

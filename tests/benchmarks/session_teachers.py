@@ -17,6 +17,7 @@ import os
 import queue
 import random
 import sys
+import threading
 import time
 from dataclasses import dataclass, field
 from functools import partial
@@ -34,6 +35,8 @@ ANSWERED_WITHIN = 0.9
 """Share of the window in which somebody answers: nobody means to be late."""
 AGAIN_S = 0.1
 DRAIN_S = 15.0
+PAUSE = threading.Event()
+"""Never set: what waits for it waits that long."""
 
 
 @dataclass(slots=True)
@@ -225,7 +228,7 @@ def raw(bus: ZenohBus, rate: float, seconds: float) -> list[int]:
     for number in range(count):
         pause = begun + number / rate - time.perf_counter()
         if pause > 0:
-            time.sleep(pause)
+            PAUSE.wait(pause)
         sent = time.perf_counter()
         bus.ask(
             "bare/echo", b"x" * 220,

@@ -21,6 +21,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -60,6 +61,8 @@ TARGET_P99_MS = 50.0
 TARGET_BYTES = 10_240
 MEASURED = ("learner", "router", "environment")
 TICKS = os.sysconf("SC_CLK_TCK")
+PAUSE = threading.Event()
+"""Never set: what waits for it waits that long."""
 
 
 @dataclass(frozen=True)
@@ -236,10 +239,10 @@ def _teach(
     for number, client in enumerate(teachers):
         mine = names[number :: len(teachers)]
         client.tell(do="teach", sessions=mine, ramp=ramp, warm=WARM_S, seconds=seconds, window_ms=WINDOW_MS)
-    time.sleep(ramp + WARM_S)
+    PAUSE.wait(ramp + WARM_S)
     pids = {name: running.pid(name) for name in MEASURED}
     before, begun = {name: cpu_s(pid) for name, pid in pids.items()}, time.perf_counter()
-    time.sleep(seconds)
+    PAUSE.wait(seconds)
     elapsed = time.perf_counter() - begun
     cpu = {name: (cpu_s(pid) - before[name]) / elapsed for name, pid in pids.items()}
     return [client.answer() for client in teachers], cpu
@@ -306,7 +309,7 @@ def _await(true: Callable[[], bool], timeout_s: float = 120.0) -> None:
     until = time.monotonic() + timeout_s
     while not true():
         assert time.monotonic() < until
-        time.sleep(0.05)
+        PAUSE.wait(0.05)
 
 
 # ---------------------------------------------------------------- what is printed

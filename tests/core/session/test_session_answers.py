@@ -185,4 +185,4 @@ def test_an_answer_at_the_very_deadline_is_in_time_as_long_as_the_window_is_open
     session = asked()
     assert play(session, [(1000, label("ann", 0))])[0][0] == Acknowledge(answer_id(0), AnswerCode.ACCEPTED)
     assert session.deadline_ns is None
-    assert session.deadlines_ns == {0: 1000 * MS}
+    assert (session.deadlines.of(0), len(session.deadlines)) == (1000 * MS, 1)

@@ -214,7 +214,7 @@ def check(session: Session, witness: Witness) -> None:
     assert (session.episode, len(session.episodes)) == (witness.episodes, witness.episodes)
     assert sum(episode.steps for episode in session.episodes) <= witness.learnt
     assert session.teaching_ns >= 0
-    assert len(session.deadlines_ns) <= 16
+    assert len(session.deadlines) <= 16
 
 
 @pytest.mark.parametrize("method", METHODS)
