@@ -38,6 +38,7 @@ def checked_key_expression(key_expression: str) -> str:
     return key_expression
 
 
+@lru_cache(maxsize=4096)
 def matches(key_expression: str, key: str) -> bool:
     """Whether the concrete `key` is one of those that `key_expression` stands for."""
     return _pattern(key_expression).fullmatch(f"/{key}") is not None

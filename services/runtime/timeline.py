@@ -35,8 +35,9 @@ class Timeline(ManualClock):
         if not self._appointments:
             return False
         at_ns, _, call = heapq.heappop(self._appointments)
-        if at_ns > self._now_ns:
-            self.advance(at_ns - self._now_ns)
+        if at_ns > self._now_ns:  # `advance`, at every one of millions of appointments
+            self._wall_ns += at_ns - self._now_ns
+            self._now_ns = at_ns
         self.happened += 1
         call()
         return True

@@ -9,20 +9,34 @@ import tempfile
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from hashlib import sha256
+from itertools import groupby
 from pathlib import Path
+from typing import NamedTuple
 
 from services.runtime.faults import Seen
 from services.simulate.evidence import Evidence, gather
 from services.simulate.rules import RULES
-from services.simulate.scenario import LESSONS, Scenario, lesson, lesson_of, scenario, undisturbed
+from services.simulate.scenario import (
+    LESSONS,
+    SEEDS_A_SET,
+    Lesson,
+    Scenario,
+    lesson,
+    lesson_of,
+    scenario,
+    shortened,
+    undisturbed,
+)
 from services.simulate.stage import Stage
 
 SHOWN_A_RULE = 3
 """Lines told of one rule in one seed: what follows is mostly the same."""
 BATCH = 8
+SLACK = 1.35
+"""How much longer a long lesson is that takes another course under faults: it is to be as long as asked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +61,10 @@ class Judged:
 
     seed: int
     failures: tuple[Failure, ...]
+    decisions: int
+    """Steps in its journal."""
     steps: int
+    """That were published, again after a restart too."""
     events: int
     faults: int
     trace_sha256: str
@@ -60,6 +77,8 @@ class Campaign:
 
     seeds: int = 0
     failures: list[Failure] = field(default_factory=list)
+    fewest_decisions: int = 0
+    """Of all seeds."""
     steps: int = 0
     events: int = 0
     faults: int = 0
@@ -68,6 +87,7 @@ class Campaign:
 
     def add(self, judged: Judged) -> None:
         """Take one seed in; the order of seeds decides the digest of the traces."""
+        self.fewest_decisions = min(self.fewest_decisions or judged.decisions, judged.decisions)
         self.seeds += 1
         self.failures += judged.failures
         self.steps += judged.steps
@@ -76,34 +96,60 @@ class Campaign:
         self.trace_sha256 = sha256(f"{self.trace_sha256}{judged.trace_sha256}".encode()).hexdigest()
 
 
-def judge(seed: int, decisions: int = 0, *, trace: bool = False) -> Judged:
+class Calm(NamedTuple):
+    """A lesson without faults: all seeds that teach it are held to this."""
+
+    lesson: Lesson
+    """As long as asked, and not much longer."""
+    learned: str
+    """Digest of what is learnt."""
+    watched: str
+    """The same, with somebody watching."""
+
+
+@lru_cache(LESSONS)
+def calm(number: int, decisions: int = 0) -> Calm:
+    """Return a lesson as it goes without faults."""
+    taught = lesson(number, decisions)
+    if decisions:
+        wanted = int(decisions * (1 if taught.exact else SLACK))
+        taken = list(_played(undisturbed(taught)).last_steps.values())
+        taught = shortened(taught, taken[min(wanted, len(taken)) - 1].episode + 1)
+    bare = undisturbed(taught)
+    return Calm(taught, _digest(bare), _digest(bare.watched()))
+
+
+def judge(seed: int, decisions: int = 0, *, trace: bool = False, held_to: Calm | None = None) -> Judged:
     """Run one seed and check every rule; `trace` keeps what was seen.
 
-    Args: decisions: about so many at least, with three teachers; 0 is a short lesson.
+    Args: decisions: about so many at least, with three teachers; 0 is a short lesson. held_to: its lesson
+    without faults, if that is known.
     """
     logging.getLogger("sfid").setLevel(logging.CRITICAL + 1)
-    drawn = scenario(seed, decisions)
     # A session's objects die with it; looking for garbage among them meanwhile costs a tenth of the time.
     gc.disable()
     try:
-        return _judged_scenario(drawn, decisions, trace=trace)
+        held_to = held_to or calm(lesson_of(seed), decisions)
+        drawn = replace(scenario(seed, decisions), lesson=held_to.lesson)
+        return _judged_scenario(drawn, held_to, decisions, trace=trace)
     finally:
         gc.enable()
 
 
-def _judged_scenario(drawn: Scenario, decisions: int, *, trace: bool) -> Judged:
+def _judged_scenario(drawn: Scenario, held_to: Calm, decisions: int, *, trace: bool) -> Judged:
     seed, evidence = drawn.seed, _played(drawn)
     failures = [
         Failure(seed, rule, what, decisions)
         for rule, check in RULES.items()
         for what in tuple(check(evidence))[:SHOWN_A_RULE]
     ]
-    compared = _compared(drawn, evidence, decisions)
+    compared = _compared(drawn, evidence, held_to)
     failures += [Failure(seed, rule, what, decisions) for rule, what in compared]
     history = evidence.history
     return Judged(
         seed,
         tuple(failures),
+        len(evidence.transitions()),
         len(evidence.steps),
         history.appointments,
         history.faults,
@@ -122,15 +168,29 @@ def campaign(first: int, seeds: int, jobs: int = 1, decisions: int = 0) -> Itera
 
 
 def _judged(seeds: range, jobs: int, decisions: int) -> Iterator[Judged]:
-    one = partial(judge, decisions=decisions)
     if jobs == 1 or len(seeds) < 2 * BATCH:
-        yield from map(one, seeds)
+        yield from map(partial(judge, decisions=decisions), seeds)
         return
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__])
     ignore = (signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asked
     with ProcessPoolExecutor(jobs, context, signal.signal, ignore) as pool:
-        yield from pool.map(one, seeds, chunksize=BATCH)
+        for _, together in groupby(seeds, lambda seed: seed // SEEDS_A_SET):
+            block = list(together)
+            numbers = list(dict.fromkeys(map(lesson_of, block)))
+            # Each lesson once, by whichever process, before the seeds that are held to it.
+            bare = dict(zip(numbers, pool.map(partial(_calm, decisions), numbers), strict=True))
+            tasks = [(seed, bare[lesson_of(seed)]) for seed in block]
+            yield from pool.map(partial(_judge, decisions), tasks, chunksize=BATCH)
+
+
+def _calm(decisions: int, number: int) -> Calm:
+    logging.getLogger("sfid").setLevel(logging.CRITICAL + 1)
+    return calm(number, decisions)
+
+
+def _judge(decisions: int, task: tuple[int, Calm]) -> Judged:
+    return judge(task[0], decisions, held_to=task[1])
 
 
 def _played(drawn: Scenario) -> Evidence:
@@ -141,25 +201,18 @@ def _played(drawn: Scenario) -> Evidence:
         return gather(Stage(drawn, Path(root)).play())
 
 
-@lru_cache(LESSONS)
-def _undisturbed(number: int, decisions: int) -> tuple[str, str]:
-    """Return the digest of a lesson without faults, and what it is with somebody watching."""
-    calm = undisturbed(lesson(number, decisions))
-    return _digest(calm), _digest(calm.watched())
-
-
 def _digest(drawn: Scenario) -> str:
     report = _played(drawn).report
     return report.q_sha256 if report is not None else "not finished"
 
 
-def _compared(drawn: Scenario, evidence: Evidence, decisions: int) -> Iterator[tuple[str, str]]:
+def _compared(drawn: Scenario, evidence: Evidence, held_to: Calm) -> Iterator[tuple[str, str]]:
     """R10, and the promise that faults do not change what is learnt where everybody is waited for.
 
     A crowd is left out of R10: which of its workers answers before the quorum closes a round is a race of
     microseconds, which a viewer may turn as everything else does.
     """
-    expected, watched = _undisturbed(lesson_of(drawn.seed), decisions)
+    expected, watched = held_to.learned, held_to.watched
     if watched != expected and not drawn.lesson.crowd:
         yield "R10", f"without faults {expected[:12]} is learnt, with a viewer {watched[:12]}"
     if not drawn.lesson.exact or evidence.report is None or evidence.report.q_sha256 == expected:

@@ -103,11 +103,14 @@ def _h(said: list[Kept], action: str) -> float:
 def r4_one_answer_of_a_teacher_counts(evidence: Evidence) -> Iterator[str]:
     """At most one answer of a teacher counts for a decision: the last one before the close."""
     accepted = evidence.accepted()
+    by_decision = defaultdict(set)
+    for decision, teacher in accepted:
+        by_decision[decision].add(teacher)
     for step in evidence.last_steps.values():
         names = [said.teacher for said in step.said]
         if len(set(names)) != len(names):
             yield f"decision {step.decision}: several answers of one teacher count: {', '.join(names)}"
-        expected = {teacher for decision, teacher in accepted if decision == step.decision}
+        expected = by_decision[step.decision]
         if set(names) != expected:
             yield (
                 f"decision {step.decision}: answers of {sorted(names)} count, "

@@ -5,6 +5,8 @@ from enum import Enum
 from functools import lru_cache
 from random import Random
 
+import msgspec
+
 from protocol.messages import CreateSession, WindowSpec, World
 from services.runtime.faults import Faults
 from services.runtime.timeline import dice
@@ -130,6 +132,12 @@ def lesson(number: int, decisions: int = 0) -> Lesson:
         chance.choice((0.0, 0.2)), chance.choice((0.0, 0.2)), chance.choice((0.0, 0.1))
     )
     return Lesson(config, teachers, faults, kind in {"exact", "q-learning"}, kind == "crowd")
+
+
+def shortened(taught: Lesson, episodes: int) -> Lesson:
+    """Return a lesson with so many episodes, and no more than it had."""
+    kept = min(episodes, taught.config.episodes)
+    return replace(taught, config=msgspec.structs.replace(taught.config, episodes=kept))
 
 
 def undisturbed(taught: Lesson) -> Scenario:

@@ -5,13 +5,15 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
-from services.simulate.campaign import campaign, judge
+from services.simulate.campaign import SLACK, calm, campaign, judge
 from services.simulate.disk import Fate
+from services.simulate.evidence import gather
 from services.simulate.model import Table, moved, opinion, verdict
-from services.simulate.scenario import LESSONS, What, lesson, scenario, undisturbed
+from services.simulate.scenario import LESSONS, Lesson, What, lesson, scenario, undisturbed
 from services.simulate.stage import Stage
 from services.simulate.trace import line
 from tests.simulation.planted import BUGS, plant
@@ -74,7 +76,20 @@ def test_a_long_lesson_has_three_teachers_and_at_least_the_decisions_that_were_a
     judged = judge(SEED, 60)
     assert len(drawn.lesson.teachers) == 3
     assert judged.failures == ()
-    assert judged.steps >= 60
+    assert 60 <= judged.decisions <= judged.steps
+
+
+@pytest.mark.parametrize("number", [3, 8])
+def test_a_long_lesson_is_hardly_longer_than_asked(number: int) -> None:
+    taught, longest = calm(number, 60).lesson, lesson(number, 60)
+    wanted = 60 if taught.exact else 60 * SLACK
+    assert taught.config.episodes < longest.config.episodes
+    assert wanted <= decisions_of(taught) < wanted + taught.config.world.steps_max
+
+
+def decisions_of(taught: Lesson) -> int:
+    with TemporaryDirectory() as root:
+        return len(gather(Stage(undisturbed(taught), Path(root)).play()).transitions())
 
 
 def test_a_failure_is_told_with_the_command_that_repeats_it_and_exit_1(tmp_path: Path) -> None:
