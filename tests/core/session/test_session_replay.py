@@ -1,6 +1,7 @@
 """One truth three times: live session, replay of its journal, and batch run agree bit for bit."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from random import Random
 
 import pytest
@@ -48,6 +49,18 @@ def test_a_live_session_learns_exactly_what_the_batch_run_learns(
         assert tuple(session.episodes) == batch.episodes
         assert session.counts == batch.counts
         assert len(session.learner) > 0
+
+
+@pytest.mark.parametrize("steps_max", range(2, 8))
+def test_a_step_taken_back_at_the_cap_ends_the_episode_live_and_in_the_batch_run(steps_max: int) -> None:
+    """Whoever blames half of what is done, and sees it taken back, fills every count of steps to the cap."""
+    world = replace(WORLD, steps_max=steps_max)
+    for seed in range(3):
+        config = replace(configured("guidance", seed, 1), world=world)
+        session = Live(config, simulated(seed, ("ann",), 0.5, 0.0), Random(seed)).play()
+        batch = run_batch(config, parameters(("ann",), 0.5, 0.0), fast=False)
+        assert tuple(session.episodes) == batch.episodes
+        assert max(episode.steps for episode in batch.episodes) == steps_max
 
 
 @pytest.mark.parametrize("window", [Window(WindowMode.FULL, 50), Window(WindowMode.EARLY, 50)])

@@ -103,6 +103,26 @@ def test_a_member_whose_token_is_revoked_is_heard_no_more(guarded: GuardedCrowd)
     assert decode(ann.send(again).payload, Refusal).reason.startswith("revoked-token")
 
 
+def test_a_member_who_comes_back_is_counted_in_by_their_token_and_not_by_their_presence(
+    guarded: GuardedCrowd,
+) -> None:
+    """Anybody may announce anybody: where tokens are required, a name alone brings nobody back."""
+    ann, token = Member(guarded, "ann"), guarded.token("ann")
+    guarded.enter(ann, token)
+    assert guarded.aggregator is not None
+    crowd = guarded.aggregator.crowds["s1"].crowd
+    assert crowd is not None
+    ann.withdraw()
+    guarded.settle()
+    assert set(crowd.members) == set()
+    MemoryBus(guarded.hub).announce(CROWD_KEYS.present("s1", "ann"))
+    guarded.settle()
+    assert set(crowd.members) == set()
+    guarded.enter(ann, token)
+    guarded.settle()
+    assert set(crowd.members) == {"ann"}
+
+
 def test_a_crowd_waits_no_longer_for_a_member_whose_token_is_revoked(guarded: GuardedCrowd) -> None:
     ann = Member(guarded, "ann")
     guarded.enter(ann, guarded.token("ann"))

@@ -80,6 +80,18 @@ def test_the_branch_is_taught_on_and_its_origin_stays_as_it_is(room: Classroom) 
     assert room.report("s1") == before
 
 
+def test_who_taught_the_origin_is_no_teacher_of_the_branch_before_they_join_it(room: Classroom) -> None:
+    """A token alone brings back who was there before; in the branch nobody was."""
+    ann = taught(room)
+    rewound(room, 1)
+    ann.bus.announce(KEYS.present("again", "ann"))
+    room.settle()
+    assert room.report("again").summary.teachers == ()
+    eve = _Newcomer(room, "eve")
+    eve.join()
+    assert room.report("again").summary.teachers == ("eve",)
+
+
 def test_the_same_branch_again_is_the_same_and_another_of_its_name_is_refused(room: Classroom) -> None:
     taught(room)
     assert rewound(room, 1) == rewound(room, 1) == Done(ok=True)

@@ -19,6 +19,17 @@ StopSignals(lambda: print("first", flush=True), same_s=0.0)
 print("ready", flush=True)
 threading.Event().wait()
 """
+PATIENT = """
+import signal, sys
+from services.runtime.signals import NUMBERS, StopSignals
+with StopSignals(lambda: print("first", flush=True), same_s=60.0):
+    print("ready", flush=True)
+    sys.stdin.readline()
+    while signal.sigpending() & set(NUMBERS):
+        pass
+print("whole", flush=True)
+"""
+"""Leaving the block waits until the thread has read every signal that was heard."""
 
 
 def tell(number: signal.Signals) -> None:
@@ -51,13 +62,18 @@ def test_a_timed_wait_of_the_main_thread_ends_in_time_though_a_signal_takes_long
     assert ends == [True]
 
 
+@pytest.mark.real
 def test_two_signals_at_once_are_one() -> None:
-    told: queue.Queue[str] = queue.Queue()
-    with StopSignals(lambda: told.put("stop"), same_s=WAIT_S):
-        tell(signal.SIGTERM)
-        tell(signal.SIGINT)
-        assert told.get(timeout=WAIT_S) == "stop"
-    assert told.empty()
+    """In a process of its own: were they two, the second would end it at once."""
+    command = [sys.executable, "-c", PATIENT]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        process.terminate()
+        assert process.stdout.readline() == "first\n"
+        process.send_signal(signal.SIGINT)
+        rest, _ = process.communicate("both were sent\n", timeout=WAIT_S)
+    assert (process.returncode, rest) == (0, "whole\n")
 
 
 @pytest.mark.real
@@ -83,6 +99,27 @@ def test_the_signals_are_given_back_as_they_were() -> None:
     outside = signal.set_wakeup_fd(-1)
     signal.set_wakeup_fd(outside)
     assert outside == -1
+
+
+def test_what_was_blocked_at_the_start_is_blocked_again_and_nothing_else() -> None:
+    def blocked() -> set[int]:
+        return set(signal.pthread_sigmask(signal.SIG_BLOCK, ())) & set(NUMBERS)
+
+    masks = []
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, NUMBERS)
+    try:
+        for mask in ((), (signal.SIGTERM,), NUMBERS):
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+            with heard_by_children():
+                for_children = blocked()
+            again = blocked()
+            with StopSignals(lambda: None):
+                inside = blocked()
+            masks.append((for_children, again, inside, blocked()))
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    starts: list[set[int]] = [set(), {signal.SIGTERM}, set(NUMBERS)]
+    assert masks == [(set(), start, set(NUMBERS), start) for start in starts]
 
 
 @pytest.mark.real
