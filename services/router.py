@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
-from services.router_links import Link, allow_links
+from services.router_links import ANSWER_MS, CHECK_S, Link, LinkWatch, allow_links
 from services.runtime.access import Guard, certificates, make_access, note_router, read_access
 from services.runtime.bus import BusError
 from services.runtime.endpoint import DEFAULT_ENDPOINT, is_loopback, reached_at, split_endpoint
@@ -59,20 +59,29 @@ def run(config: RouterConfig, ready: Callable[[], None], stop: threading.Event) 
     `insecure_bind`; SecretError when logins or certificates are not to be had.
     """
     guard = _guard(config)
+    router = _opened(config, guard)
+    try:
+        _leave_word(config, config.access)
+        ready()
+        watch = LinkWatch()
+        while not stop.wait(CHECK_S if config.connect else None):
+            if watch.wants_anew(router.neighbours(ANSWER_MS)):
+                log.warning("a link carries nothing: this router starts anew, its clients come back")
+                router.close()
+                router = _opened(config, guard)
+    finally:
+        router.close()
+        _leave_word(config, None)
+
+
+def _opened(config: RouterConfig, guard: Guard | None) -> ZenohRouter:
     refusal = (
         f"cannot listen at {config.listen}: another program has it, stop that one or pass another --listen"
     )
     try:
-        router = ZenohRouter(config.listen, refusal, config.limits, guard, config.connect)
+        return ZenohRouter(config.listen, refusal, config.limits, guard, config.connect)
     except BusError as error:
         raise RouterError(str(error)) from error
-    try:
-        _leave_word(config, config.access)
-        ready()
-        stop.wait()
-    finally:
-        router.close()
-        _leave_word(config, None)
 
 
 def written_config(config: RouterConfig) -> dict[str, Any]:

@@ -1,10 +1,12 @@
 """What passes between routers: who another router is, and which messages its link may carry."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from typing import Any
 
 from protocol.keys import Keys
+from services.runtime.zenoh_config import router_key
 from services.topology import Node, Role, rules_of, topology
 
 
@@ -18,13 +20,45 @@ class Link(Enum):
     may."""
 
 
+CHECK_S = 1.0
+"""Pause between two looks at the links."""
+ANSWER_MS = 1_000
+"""So long is waited for another router to answer."""
+LOOKS = 3
+"""So many in a row must find a link carrying nothing: routes are computed 0.1 s after it came, and the other
+may be busy."""
+
+
+class LinkWatch:
+    """Whether a router should start anew, because a linked one is not found (`ZenohRouter.neighbours`).
+
+    One of Zenoh's own is never found, and starting anew does not change that: it is tried again ever later,
+    after 3, 12, 48, ... looks.
+    """
+
+    def __init__(self) -> None:
+        self._missed: Counter[str] = Counter()
+        self._tries: Counter[str] = Counter()
+
+    def wants_anew(self, neighbours: Mapping[str, bool]) -> bool:
+        """Take one look at the links, and say whether it is time."""
+        missing = {zid for zid, found in neighbours.items() if not found}
+        for zid in neighbours.keys() - missing:
+            del self._tries[zid]
+        self._missed = Counter({zid: self._missed[zid] + 1 for zid in missing})
+        overdue = {zid for zid in missing if self._missed[zid] >= LOOKS * 4 ** self._tries[zid]}
+        self._tries.update(overdue)
+        return bool(overdue)
+
+
 EDGE_ROLES = (Role.TEACHER, Role.WORKER, Role.GATEWAY)
 """Who may stand behind an edge."""
 _BOTH = ("ingress", "egress")
+_ASKING = ("query", "reply", "declare_queryable")
 _PASSING = (
     # what roles do, which messages that makes between two routers, of which either may have either side
     (("publishes", "subscribes"), ("put", "declare_subscriber")),
-    (("serves", "asks"), ("query", "reply", "declare_queryable")),
+    (("serves", "asks"), _ASKING),
     (
         ("announces", "watches"),
         ("liveliness_token", "declare_liveliness_subscriber", "liveliness_query"),
@@ -59,11 +93,13 @@ def _router_rules(nodes: Sequence[Node]) -> Iterator[dict[str, Any]]:
     for verbs, messages in _PASSING:
         keys = [key for node in nodes for verb in verbs for key in getattr(node, verb)]
         yield _allow(f"{Link.ROUTER.value} {' '.join(verbs)}", _BOTH, messages, keys)
+    yield _allow(f"{Link.ROUTER.value} is there", _BOTH, _ASKING, [router_key()])
 
 
 def _edge_rules(nodes: Sequence[Node]) -> Iterator[dict[str, Any]]:
     """Yield what people and their gateways may do here themselves, and that they are told who answers."""
     yield from rules_of(Link.EDGE.value, nodes)
+    yield _allow(f"{Link.EDGE.value} is there", _BOTH, _ASKING, [router_key()])
     asked = [key for node in nodes for key in node.asks]
     yield _allow(f"{Link.EDGE.value} finds", ("egress",), ("declare_queryable",), asked)
 

@@ -2,7 +2,7 @@
 
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -12,18 +12,21 @@ from pathlib import Path
 from services.router import RouterConfig, run
 stop = threading.Event()
 threading.Thread(target=lambda: (sys.stdin.read(), stop.set()), daemon=True).start()
-access = Path(sys.argv[2]) if sys.argv[2:] else None
-run(RouterConfig(sys.argv[1], access=access), lambda: print("ready", flush=True), stop)
+access = Path(sys.argv[2]) if sys.argv[2] else None
+config = RouterConfig(sys.argv[1], tuple(sys.argv[3:]), access=access)
+run(config, lambda: print("ready", flush=True), stop)
 """
 
 
 @contextmanager
-def router_process(endpoint: str, access: Path | None = None) -> Iterator[subprocess.Popen[str]]:
+def router_process(
+    endpoint: str, access: Path | None = None, connect: Sequence[str] = ()
+) -> Iterator[subprocess.Popen[str]]:
     """Run a router at `endpoint` in another process; it ends with the block, or with this process.
 
-    Args: access: directory of logins; None: it asks nobody.
+    Args: access: directory of logins; None: it asks nobody.  connect: other routers to link with.
     """
-    command = [sys.executable, "-c", _ROUTE, endpoint, *([] if access is None else [str(access)])]
+    command = [sys.executable, "-c", _ROUTE, endpoint, str(access or ""), *connect]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None

@@ -1,0 +1,212 @@
+"""Two routers over TLS: a role may do the same behind both, and a link is what its certificate says."""
+
+import queue
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from protocol.keys import Keys
+from services.router import RouterConfig
+from services.router_links import Link
+from services.runtime.access import Access, Guard, certificates, make_access, read_access
+from services.runtime.bus import Presence, Received, Reply, Request
+from services.runtime.zenoh_bus import ZenohBus, ZenohRouter, open_bus
+from services.topology import Role
+from tests.services.linked import (
+    DEADLINE_S,
+    ask,
+    ask_until_served,
+    bus_of,
+    carried,
+    certified,
+    routing,
+    tls_endpoint,
+)
+
+pytestmark = [
+    pytest.mark.real,
+    pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl is not installed"),
+]
+KEYS, CROWD = Keys("local"), Keys("local-crowd")
+CLIENTS = [role for role in Role if role is not Role.ROUTER]
+
+
+def answering(word: bytes) -> Callable[[Request], None]:
+    return lambda request: request.reply(word)
+
+
+@dataclass
+class Place:
+    """A router, the directory of what may come to it, and buses there."""
+
+    endpoint: str
+    folder: Path
+    stack: ExitStack
+
+    def bus(self, role: Role) -> ZenohBus:
+        bus = bus_of(role, self.endpoint, self.folder)
+        self.stack.callback(bus.close)
+        return bus
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Certificates of all roles, and the logins of the lab's own network."""
+    folder = certified(tmp_path_factory.mktemp("lab") / "access", *(role.value for role in Role), "edge")
+    make_access(folder, [*(role.value for role in CLIENTS), *(link.value for link in Link)])
+    return folder
+
+
+@pytest.fixture
+def lab(folder: Path) -> Iterator[Place]:
+    """The learner's network."""
+    endpoint = tls_endpoint()
+    with ExitStack() as stack, routing(RouterConfig(endpoint, access=folder)):
+        yield Place(endpoint, folder, stack)
+        stack.close()
+
+
+@contextmanager
+def beside(lab: Place, there: Path, link: Link) -> Iterator[Place]:
+    """Another network, linked to the lab's: of the lab's logins it has the link's alone."""
+    roles = [role.value for role in Role if role is not Role.ROUTER]
+    folder = carried(lab.folder, there / link.value, link.value)
+    for role in roles:
+        for ending in ("pem", "key"):
+            shutil.copy(lab.folder / f"{role}.{ending}", folder)
+    endpoint = tls_endpoint()
+    config = RouterConfig(endpoint, connect=(lab.endpoint,), link=link, access=folder)
+    with ExitStack() as stack, routing(config):
+        yield Place(endpoint, folder, stack)
+        stack.close()
+
+
+@contextmanager
+def taken_over(lab: Place, link: str, certificate: str) -> Iterator[str]:
+    """A router in wrong hands, with a login and a certificate: it lets everybody in to do anything."""
+    endpoint = tls_endpoint()
+    users = lab.folder / "users"
+    everything: dict[str, object] = {"enabled": False}
+    guard = Guard(users, everything, certificates(lab.folder, certificate), read_access(lab.folder, link))
+    router = ZenohRouter(endpoint, "it listens", guard=guard, connect=(lab.endpoint,))
+    try:
+        yield endpoint
+    finally:
+        router.close()
+
+
+@pytest.mark.parametrize("link", list(Link))
+def test_a_teacher_in_another_network_is_asked_heard_and_seen_by_the_learner(
+    lab: Place, tmp_path: Path, link: Link
+) -> None:
+    learner, seen = lab.bus(Role.LEARNER), queue.SimpleQueue[Presence]()
+    learner.serve(KEYS.answer(), answering(b"saved"))
+    learner.watch(KEYS.present(), seen.put)
+    with beside(lab, tmp_path, link) as town:
+        assert read_access(town.folder, "teacher").password != read_access(lab.folder, "teacher").password
+        teacher, heard = town.bus(Role.TEACHER), queue.SimpleQueue[Received]()
+        teacher.subscribe(KEYS.decision(), heard.put)
+        teacher.announce(KEYS.present("s1", "ann"))
+        assert ask_until_served(teacher, KEYS.answer("s1", "ann")) == Reply(b"saved")
+        learner.publish(KEYS.decision("s1"), b"LEFT or RIGHT?")
+        assert heard.get(timeout=DEADLINE_S) == Received(KEYS.decision("s1"), b"LEFT or RIGHT?")
+        assert seen.get(timeout=DEADLINE_S) == Presence(KEYS.present("s1", "ann"), present=True)
+    assert seen.get(timeout=DEADLINE_S) == Presence(KEYS.present("s1", "ann"), present=False)
+
+
+def test_services_work_together_from_behind_either_router(lab: Place, tmp_path: Path) -> None:
+    with beside(lab, tmp_path, Link.ROUTER) as other:
+        for one, two in ((lab, other), (other, lab)):
+            one.bus(Role.ENVIRONMENT).serve(KEYS.environment("begin"), answering(b"world"))
+            assert ask_until_served(two.bus(Role.LEARNER), KEYS.environment("begin")) == Reply(b"world")
+            one.bus(Role.AGGREGATOR).serve(CROWD.answer(), answering(b"weighed"))
+            assert ask_until_served(two.bus(Role.WORKER), CROWD.answer("s1", "w")) == Reply(b"weighed")
+            one.stack.close()
+
+
+def test_who_has_no_right_at_one_router_has_none_at_the_other(lab: Place, tmp_path: Path) -> None:
+    learner, heard = lab.bus(Role.LEARNER), queue.SimpleQueue[Received]()
+    learner.serve(KEYS.answer(), answering(b"learner"))
+    learner.serve(KEYS.control(), answering(b"stopped"))
+    lab.bus(Role.MONITOR).subscribe(KEYS.decision(), heard.put)
+    with beside(lab, tmp_path, Link.ROUTER) as other:
+        rogues = {role: other.bus(role) for role in CLIENTS if role is not Role.LEARNER}
+        for role, rogue in rogues.items():
+            for key in (KEYS.answer(), "sfid/**", "**"):
+                rogue.serve(key, answering(role.value.encode()))
+        teacher = other.bus(Role.TEACHER)
+        ask_until_served(teacher, KEYS.answer("s1", "ann"))
+        for rogue in rogues.values():
+            rogue.publish(KEYS.decision("s1"), b"forged")
+        for one in (lab.bus(Role.TEACHER), teacher):
+            assert {ask(one, KEYS.answer("s1", f"t{number}")) for number in range(20)} == {Reply(b"learner")}
+        assert ask(teacher, KEYS.control("s1", "ann")) == Reply(b"stopped")
+        assert ask(teacher, KEYS.control("s1", "operator")) is None
+        assert ask(other.bus(Role.OPERATOR), KEYS.control("s1", "operator")) == Reply(b"stopped")
+        # What was forged went before: whoever asks over the same links has been overtaken by nothing.
+        learner.publish(KEYS.decision("s1"), b"true")
+        assert heard.get(timeout=DEADLINE_S).payload == b"true"
+        assert heard.empty()
+
+
+def harm_done(lab: Place, endpoint: str, access: Access | None) -> set[str]:
+    """Try from behind a router that lets everything pass; return what of it reached the lab."""
+    learner, heard = lab.bus(Role.LEARNER), queue.SimpleQueue[Received]()
+    teacher = lab.bus(Role.TEACHER)
+    teacher.subscribe(KEYS.decision(), heard.put)
+    learner.serve(KEYS.control(), answering(b"stopped"))
+    learner.serve(KEYS.join(), answering(b"welcome"))
+    ask_until_served(teacher, KEYS.join("s1", "ann"))
+    rogue = open_bus(endpoint, 5_000, access=access)
+    rogue.serve(KEYS.answer(), answering(b"forged"))
+    stopped = [ask(rogue, KEYS.control("s1", "operator")) for _ in range(3)]
+    answered = [ask(teacher, KEYS.answer("s1", f"t{number}")) for number in range(20)]
+    rogue.publish(KEYS.decision("s1"), b"forged")
+    ask(rogue, KEYS.control("s1", "mallory"))  # comes back after what was published has passed
+    learner.publish(KEYS.decision("s1"), b"true")
+    words: list[bytes] = []
+    while b"true" not in words:
+        words.append(heard.get(timeout=DEADLINE_S).payload)
+    rogue.close()
+    done = {"answered": any(answered), "stopped": any(stopped), "published": b"forged" in words}
+    return {harm for harm, came in done.items() if came}
+
+
+def linked(lab: Place, endpoint: str, access: Access) -> None:
+    """Wait until what the lab's learner serves is known behind the other router, where it may be."""
+    learner = lab.bus(Role.LEARNER)
+    learner.serve(KEYS.answer("linked"), answering(b"linked"))
+    teacher = open_bus(endpoint, 5_000, access=access)
+    assert ask_until_served(teacher, KEYS.answer("linked", "ann")) == Reply(b"linked")
+    teacher.close()
+    lab.stack.close()
+
+
+def test_an_edge_in_wrong_hands_may_do_what_teachers_may_and_a_router_is_trusted(lab: Place) -> None:
+    anybody = read_access(lab.folder, "teacher", tls=True)
+    with taken_over(lab, "edge", "edge") as endpoint:
+        linked(lab, endpoint, anybody)
+        assert harm_done(lab, endpoint, anybody) == set()
+        lab.stack.close()
+    # The same attempts succeed from behind a router: so it is the edge's rules that stop them.
+    with taken_over(lab, "router", "router") as endpoint:
+        linked(lab, endpoint, anybody)
+        assert harm_done(lab, endpoint, anybody) == {"answered", "stopped", "published"}
+
+
+@pytest.mark.parametrize(
+    "login,certificate", [("teacher", "teacher"), ("router", "teacher"), ("teacher", "learner")]
+)
+def test_who_has_no_routers_certificate_is_no_router(lab: Place, login: str, certificate: str) -> None:
+    anybody = read_access(lab.folder, "teacher", tls=True)
+    with taken_over(lab, login, certificate) as endpoint:
+        assert harm_done(lab, endpoint, anybody) == set()
+        lab.stack.close()
+        # And what others do goes on as before.
+        learner = lab.bus(Role.LEARNER)
+        learner.serve(KEYS.answer(), answering(b"saved"))
+        assert ask_until_served(lab.bus(Role.TEACHER), KEYS.answer("s1", "ann")) == Reply(b"saved")
