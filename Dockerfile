@@ -3,7 +3,8 @@
 #   docker build --target service -t sfid .           router, environment, learner, teachers, gateway
 #   docker build --target monitor -t sfid-monitor .   the same with the viewer (about 0.5 GB more)
 #
-# Any image with Python 3.11 or newer, venv and pip serves as BASE.
+# Any image with Python 3.11 or newer, venv and pip serves as BASE. Packages come from pip's usual index; another
+# one is named in a pip.conf that only the installation sees: add `--secret id=pip,src=pip.conf`.
 ARG BASE=python:3.11-slim
 
 FROM ${BASE} AS wheel
@@ -12,17 +13,17 @@ COPY pyproject.toml README.md LICENSE ./
 COPY sfid_core sfid_core
 COPY protocol protocol
 COPY services services
-RUN python3 -m pip wheel --quiet --no-cache-dir --no-deps --wheel-dir /wheel .
+RUN --mount=type=secret,id=pip,target=/etc/pip.conf python3 -m pip wheel --quiet --no-cache-dir --no-deps --wheel-dir /wheel .
 
 # The locked dependencies come first: they change seldom, so this layer is reused while the code changes.
 FROM ${BASE} AS dependencies-service
 COPY requirements-services.lock /
-RUN python3 -m venv /opt/sfid \
+RUN --mount=type=secret,id=pip,target=/etc/pip.conf python3 -m venv /opt/sfid \
     && /opt/sfid/bin/pip install --quiet --no-cache-dir --require-hashes --no-deps -r /requirements-services.lock
 
 FROM ${BASE} AS dependencies-monitor
 COPY requirements-monitor.lock /
-RUN python3 -m venv /opt/sfid \
+RUN --mount=type=secret,id=pip,target=/etc/pip.conf python3 -m venv /opt/sfid \
     && /opt/sfid/bin/pip install --quiet --no-cache-dir --require-hashes --no-deps -r /requirements-monitor.lock
 
 FROM dependencies-service AS built-service
