@@ -1,13 +1,16 @@
 """Two routers over TLS: a role may do the same behind both, and a link is what its certificate says."""
 
+import json
 import queue
 import shutil
+import stat
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+import zenoh
 
 from protocol.keys import Keys
 from services.router import RouterConfig
@@ -16,6 +19,7 @@ from services.runtime.access import Access, Guard, certificates, make_access, re
 from services.runtime.bus import Presence, Received, Reply, Request
 from services.runtime.zenoh_bus import ZenohBus, ZenohRouter, open_bus
 from services.topology import Role
+from tests.services.cli.command_line import sfid
 from tests.services.linked import (
     DEADLINE_S,
     ask,
@@ -210,3 +214,62 @@ def test_who_has_no_routers_certificate_is_no_router(lab: Place, login: str, cer
         learner = lab.bus(Role.LEARNER)
         learner.serve(KEYS.answer(), answering(b"saved"))
         assert ask_until_served(lab.bus(Role.TEACHER), KEYS.answer("s1", "ann")) == Reply(b"saved")
+
+
+def written(tmp_path: Path, name: str, *arguments: str) -> Path:
+    """Return the file for a router of Zenoh's own that the command writes."""
+    path = tmp_path / f"{name}.json5"
+    done = sfid("router", *arguments, "--config-file", str(path))
+    assert (done.code, done.stdout) == (0, ""), done.stderr
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    return path
+
+
+def test_zenohs_own_routers_with_the_written_files_link_and_hold_the_rules(
+    folder: Path, tmp_path: Path
+) -> None:
+    inner, outer = tls_endpoint(), tls_endpoint()
+    town = carried(folder, tmp_path / "town", "edge", "teacher", "gateway", "worker")
+    files = [
+        written(tmp_path, "lab", "--listen", inner, "--access", str(folder)),
+        written(tmp_path, "town", "--listen", outer, "--connect", inner, "--edge", "--access", str(town)),
+    ]
+    with ExitStack() as stack:
+        for file in files:
+            config = zenoh.Config.from_file(file)
+            assert config.get_json("mode") == '"router"'
+            stack.enter_context(zenoh.open(config))
+        lab, far = Place(inner, folder, stack), Place(outer, town, stack)
+        learner, heard = lab.bus(Role.LEARNER), queue.SimpleQueue[Received]()
+        learner.serve(KEYS.answer(), answering(b"saved"))
+        learner.serve(KEYS.control(), answering(b"stopped"))
+        teacher = far.bus(Role.TEACHER)
+        teacher.subscribe(KEYS.decision(), heard.put)
+        assert ask_until_served(teacher, KEYS.answer("s1", "ann")) == Reply(b"saved")
+        assert ask(teacher, KEYS.control("s1", "ann")) == Reply(b"stopped")
+        assert ask(teacher, KEYS.control("s1", "operator")) is None
+        far.bus(Role.GATEWAY).publish(KEYS.decision("s1"), b"forged")
+        learner.publish(KEYS.decision("s1"), b"true")
+        assert heard.get(timeout=DEADLINE_S).payload == b"true"
+
+
+def test_what_is_printed_of_a_link_has_no_password_and_what_is_written_is_the_same_with_it(
+    folder: Path, tmp_path: Path
+) -> None:
+    arguments = ("--listen", tls_endpoint(), "--connect", "tls/192.0.2.7:7447", "--access", str(folder))
+    printed = json.loads(sfid("router", *arguments, "--config").stdout)
+    whole = json.loads(written(tmp_path, "whole", *arguments).read_text())
+    assert whole["connect"]["endpoints"] == ["tls/192.0.2.7:7447"]
+    login = read_access(folder, "router")
+    assert whole["transport"]["auth"]["usrpwd"] == {
+        "dictionary_file": str(folder / "users"), "user": "router", "password": login.password,
+    }  # fmt: skip
+    for part in ("user", "password"):
+        del whole["transport"]["auth"]["usrpwd"][part]
+    assert printed == whole
+    nowhere = tmp_path / "none" / "file"
+    refused = sfid("router", *arguments, "--config-file", str(nowhere))
+    assert (refused.code, refused.stderr) == (
+        2,
+        f"sfid: {nowhere}: No such file or directory: name a file in a directory that can be written\n",
+    )
