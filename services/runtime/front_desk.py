@@ -61,6 +61,8 @@ class FrontDesk:
         self.door = Doorkeeper(settings.data_dir, loop.at_ns) if settings.require_tokens else None
         self.malformed: Counter[tuple[str, str]] = Counter()
         """Unreadable messages by (session, sender)."""
+        self.invalid: Counter[tuple[str, str]] = Counter()
+        """Messages that can be read and say nothing possible, such as an action that there is not."""
 
     def admit(self, key: str, message: Join | Answer | Control, *, unproved: bool = False) -> None:
         """Let a message in whose key names its session and sender, who is proved where tokens are required.
@@ -110,24 +112,31 @@ class FrontDesk:
         self._loop.reply_durably(request, reply)
 
     def refuse(self, request: Request, error: Exception) -> None:
-        """Answer with an error; unreadable messages are counted by sender and logged at 1, 2, 4, 8 ..."""
+        """Answer with an error; what is unreadable or invalid is counted by sender, logged at 1, 2, 4, 8 ..."""
         if isinstance(error, Refused):
             request.reply_error(encode(error.reply))
             return
-        code: RefusalCode = "invalid" if isinstance(error, UnknownAction) else "malformed"
+        readable = isinstance(error, UnknownAction)
+        code: RefusalCode = "invalid" if readable else "malformed"
         request.reply_error(encode(Refusal(code=code, reason=str(error)[:512])))
+        counts = self.invalid if readable else self.malformed
         sender = self._sender(request.key)
-        if len(self.malformed) >= SENDERS_MAX and sender not in self.malformed:
+        if len(counts) >= SENDERS_MAX and sender not in counts:
             sender = NOBODY
-        self.malformed[sender] += 1
-        count = self.malformed[sender]
+        counts[sender] += 1
+        count = counts[sender]
         if count & (count - 1) == 0:
-            text = "session %s: unreadable message %d from %s: %s"
-            self._log.warning(text, sender[0], count, sender[1], error)
+            text = "session %s: %s message %d from %s: %s"
+            what = "invalid" if readable else "unreadable"
+            self._log.warning(text, sender[0], what, count, sender[1], error)
 
     def refusals(self) -> dict[str, int]:
         """Return how many requests were refused, by reason."""
-        found = {"malformed": self.malformed.total(), "too-many-waiting": self._loop.turnstile.refused}
+        found = {
+            "malformed": self.malformed.total(),
+            "invalid": self.invalid.total(),
+            "too-many-waiting": self._loop.turnstile.refused,
+        }
         if self.door is not None:
             found |= {fault.value: count for fault, count in self.door.refused.items()}
         return {reason: count for reason, count in found.items() if count}

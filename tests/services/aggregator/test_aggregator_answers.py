@@ -140,6 +140,10 @@ def test_an_answer_that_says_nothing_possible_is_refused(
     (ann,) = crowd_room.members("ann")
     message = ann.message(crowd_room.asked, **{"action": "UP"} | change)
     assert crowd_room.refused(CROWD_KEYS.answer("s1", "ann"), message) == Refusal(code=code, reason=reason)  # type: ignore[arg-type]
+    assert crowd_room.aggregator is not None
+    desk = crowd_room.aggregator.reception.desk
+    assert (desk.malformed, desk.invalid) == ({}, {("s1", "ann"): 1})
+    assert desk.refusals() == {"invalid": 1}
 
 
 def test_garbage_is_counted_by_its_sender(crowd_room: CrowdRoom) -> None:
