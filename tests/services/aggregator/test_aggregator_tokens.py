@@ -7,36 +7,21 @@ import msgspec
 import pytest
 
 from protocol.codec import decode
-from protocol.identity import Identity, Role, sign
 from protocol.messages import Acknowledgement, Join, Refusal
-from services.learner.config import LearnerConfig
-from services.learner.service import Learner
 from services.runtime.memory_bus import MemoryBus
 from services.runtime.register import Register
-from services.runtime.secret import load_secrets
 from tests.services.aggregator.crowd_room import CROWD_KEYS, EARLY, CrowdRoom, Member
 from tests.services.learner.classroom import session
+from tests.services.learner.guarded_room import ID, GuardedRoom
 
-ID = "00000000000000a1"
 
-
-class GuardedCrowd(CrowdRoom):
+class GuardedCrowd(GuardedRoom, CrowdRoom):
     """A crowd's room where both ends require tokens, signed with one secret."""
 
     def start_learner(self) -> None:
-        self.shard = self.open_shard(self.data_dir)
-        self.bus = MemoryBus(self.hub)
-        config = LearnerConfig(self.data_dir, require_tokens=True)
-        self.learner = Learner(config, self.bus, self.shard, self.clock)
-        self.learner.open()
-        self.crowd_dir = self.data_dir  # one deployment, one secret
-        self.settle()
-
-    def token(self, name: str, session_name: str = "s1") -> str:
-        expires_s = self.clock.wall_ns() // 1_000_000_000 + 3600
-        identity = Identity(role=Role.TEACHER, session=session_name, pseudonym=name, expires_s=expires_s,
-                            token_id=ID)  # fmt: skip
-        return sign(identity, load_secrets(self.data_dir / "gateway"))
+        """Open the learner; the aggregator has its directory: one deployment, one secret."""
+        self.crowd_dir = self.data_dir
+        super().start_learner()
 
     def enter(self, member: Member, token: str | None) -> bytes:
         member.withdraw = member.bus.announce(CROWD_KEYS.present("s1", member.name))
@@ -77,7 +62,7 @@ def test_members_without_a_token_of_their_own_are_refused_counted_and_leave_noth
     refused = [
         decode(guarded.enter(member, token), Refusal)
         for member, token in ((eve, None), (eve, stolen), (mallory, stolen + "x"),
-                              (eve, guarded.token("eve", "s2")))
+                              (eve, guarded.token("eve", session="s2")))
     ]  # fmt: skip
     assert [one.reason.partition(":")[0] for one in refused] == [
         "missing-token",

@@ -3,53 +3,20 @@
 import logging
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import msgspec
 import pytest
 
 from protocol.codec import decode
-from protocol.identity import Identity, Role, sign
+from protocol.identity import Role, sign
 from protocol.journal import read_answer_body
 from protocol.messages import Acknowledgement, Answer, Join, Refusal
-from services.learner.config import LearnerConfig
-from services.learner.service import Learner
 from services.runtime.doorkeeper import MENDS, DoorFault
-from services.runtime.memory_bus import MemoryBus
 from services.runtime.register import Register, for_session
 from services.runtime.secret import load_secrets
 from tests.services.learner.classroom import KEYS, MS, Classroom, Pupil
+from tests.services.learner.guarded_room import HOUR_S, ID, GuardedRoom
 
-HOUR_S = 3600
-ID, OTHER_ID, INVITATION_ID = "00000000000000a1", "00000000000000b1", "00000000000000c1"
-
-
-class GuardedRoom(Classroom):
-    """A classroom whose learner requires tokens."""
-
-    def start_learner(self) -> None:
-        self.shard = self.open_shard(self.data_dir)
-        self.bus = MemoryBus(self.hub)
-        config = LearnerConfig(self.data_dir, require_tokens=True)
-        self.learner = Learner(config, self.bus, self.shard, self.clock)
-        self.learner.open()
-        self.settle()
-
-    @property
-    def refused_by(self) -> dict[str, int]:
-        door = self.learner.reception.desk.door
-        assert door is not None
-        return {fault.value: count for fault, count in door.refused.items()}
-
-    def identity(self, **changes: Any) -> Identity:  # noqa: ANN401 - any field
-        """Return who ann is, for an hour."""
-        expires_s = self.clock.wall_ns() // 1_000_000_000 + HOUR_S
-        own = Identity(role=Role.TEACHER, session="s1", pseudonym="ann", expires_s=expires_s,
-                       token_id=ID)  # fmt: skip
-        return msgspec.structs.replace(own, **changes)
-
-    def token(self, **changes: Any) -> str:  # noqa: ANN401 - any field
-        return sign(self.identity(**changes), load_secrets(self.data_dir / "gateway"))
+OTHER_ID, INVITATION_ID = "00000000000000b1", "00000000000000c1"
 
 
 @pytest.fixture
@@ -101,9 +68,9 @@ def test_every_kind_of_wrong_token_is_refused_and_counted_by_its_kind(guarded: G
         ("A" if token[0] != "A" else "B") + token[1:]: "forged-token",
         others: "forged-token",
         guarded.token(expires_s=now_s): "expired-token",
-        guarded.token(role=Role.INVITATION, pseudonym="", people=30): "invitation",
+        guarded.token("", role=Role.INVITATION, people=30): "invitation",
         guarded.token(session="s2"): "token-of-another-session",
-        guarded.token(pseudonym="bea"): "token-of-another-name",
+        guarded.token("bea"): "token-of-another-name",
     }
     assert {one: why_not(guarded, one) for one in wrong} == wrong
     # A join and an answer each.
@@ -117,7 +84,7 @@ def test_every_kind_of_wrong_token_is_refused_and_counted_by_its_kind(guarded: G
 def test_a_token_that_is_revoked_is_worth_nothing_at_its_next_answer_and_so_is_its_invitation(
     guarded: GuardedRoom,
 ) -> None:
-    invited = guarded.token(pseudonym="bea", token_id=OTHER_ID, invitation=INVITATION_ID)
+    invited = guarded.token("bea", token_id=OTHER_ID, invitation=INVITATION_ID)
     teachers = {"ann": guarded.token(), "bea": invited}
     for name, token in teachers.items():
         Pupil(guarded, name).join(token=token)

@@ -7,35 +7,16 @@ from pathlib import Path
 import pytest
 
 from protocol.codec import decode
-from protocol.identity import Identity, Role, sign, verify
+from protocol.identity import verify
 from protocol.messages import Acknowledgement
-from services.learner.config import LearnerConfig
-from services.learner.service import Learner
 from services.runtime.memory_bus import MemoryBus
-from services.runtime.register import Register, new_token_id
+from services.runtime.register import Register
 from services.runtime.secret import load_secrets
 from tests.services.gateway.gateway_house import gateway
-from tests.services.learner.classroom import KEYS, Classroom, Pupil
+from tests.services.learner.classroom import KEYS, Pupil
+from tests.services.learner.guarded_room import GuardedRoom
 
-
-class GuardedRoom(Classroom):
-    """A classroom whose learner requires tokens."""
-
-    def start_learner(self) -> None:
-        self.shard = self.open_shard(self.data_dir)
-        self.bus = MemoryBus(self.hub)
-        config = LearnerConfig(self.data_dir, require_tokens=True)
-        self.learner = Learner(config, self.bus, self.shard, self.clock)
-        self.learner.open()
-        self.settle()
-
-    def token(self, name: str, hours: int = 1) -> str:
-        """Return a token for so many hours."""
-        identity = Identity(
-            role=Role.TEACHER, session="s1", pseudonym=name, token_id=new_token_id(),
-            expires_s=self.clock.wall_ns() // 1_000_000_000 + 3_600 * hours,
-        )  # fmt: skip
-        return sign(identity, load_secrets(self.data_dir / "gateway"))
+OTHER_ID = "00000000000000b1"
 
 
 @pytest.fixture
@@ -67,7 +48,7 @@ def test_whoever_is_announced_again_is_not_there_before_they_join_with_their_tok
 @pytest.mark.parametrize("how", ["revoked", "expired"])
 def test_nobody_waits_for_a_teacher_whose_token_is_no_longer_good(guarded: GuardedRoom, how: str) -> None:
     ann, bea = Pupil(guarded, "ann"), Pupil(guarded, "bea")
-    token = guarded.token("bea")
+    token = guarded.token("bea", token_id=OTHER_ID)
     ann.join(token=guarded.token("ann", hours=2))
     bea.join(token=token)
     opened = guarded.decision.decision
@@ -101,7 +82,7 @@ def test_after_a_restart_nobody_is_waited_for_whose_token_was_withdrawn_meanwhil
     guarded: GuardedRoom,
 ) -> None:
     ann, bea = Pupil(guarded, "ann"), Pupil(guarded, "bea")
-    token = guarded.token("bea")
+    token = guarded.token("bea", token_id=OTHER_ID)
     ann.join(token=guarded.token("ann", hours=2))
     bea.join(token=token)
     opened = guarded.decision.decision
