@@ -107,11 +107,17 @@ def _in_learner(
         forgotten = forget_in_session(rows, found.person, corrections)
         if forgotten is not None and is_alone_in(name, rows, found.person):
             forgotten.amendments = {seq: None for seq, _ in rows}
-            renamed[name] = f"erased-{rows[0][0]}"
+            renamed[name] = f"{_erased_name(shard)}-{rows[0][0]}"
         if forgotten is not None and forgotten.amendments:
             found.sessions[name] = forgotten
             plan[name] = forgotten.amendments
     found.rows += _erase(shard, plan, clock, renamed, dry_run=dry_run)
+
+
+def _erased_name(shard: Shard) -> str:
+    """Return what begins the name of an erased session: rows are numbered in each shard anew."""
+    number = shard.directory.name.removeprefix("shard-")
+    return "erased" if number == "0" else f"erased-{number}"
 
 
 def _erase(
