@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from services.runtime.journal import Row, Shard, read_rows, verify
-from services.runtime.journal.beside import BESIDE_BYTES, UnprovenRows
+from services.runtime.journal.beside import BESIDE_BYTES, UnprovenRows, audit_beside
 from services.runtime.journal.store import SQLITE_NAME
 
 SESSION = "s"
@@ -97,6 +97,40 @@ def test_rows_of_a_damaged_file_were_not_read_ahead(data: Path) -> None:
         assert shard.read_ahead == 0
         assert list(shard.events(SESSION))[-1] == ("answer", PADS, MARK)
         assert "a hash or the other file disagrees" in shard.notes[0]
+    assert verify(data).problems == ()
+
+
+def test_an_audit_that_finds_damage_says_that_nothing_was_rightly_read_ahead(data: Path) -> None:
+    path = data / "shard-0" / SQLITE_NAME
+    path.write_bytes(path.read_bytes().replace(MARK, MARK.swapcase()))
+    reader = Reader()
+    found, read_ahead = audit_beside(data / "shard-0", reader)
+    assert (reader.calls, read_ahead, found.seq) == (1, 0, PADS)
+    assert len(found.problems) == 1
+
+
+def test_rows_that_an_older_owner_adds_meanwhile_are_read_as_they_stand_then(data: Path) -> None:
+    """Two lock files stand for a file system that gives the lock to both."""
+    files = data / "shard-0"
+    lock, of_the_old, of_the_new = (files / name for name in ("lock", "lock-of-the-old", "lock-of-the-new"))
+    old = Shard.open(data)
+    old.append(SESSION, "answer", b"from the old owner", at_ns=50, unique=b"o" * 16)
+    lock.rename(of_the_old)
+
+    def commit() -> None:
+        lock.rename(of_the_new)
+        of_the_old.rename(lock)
+        old.commit()
+        lock.rename(of_the_old)
+        of_the_new.rename(lock)
+
+    with Shard.open(data, 0, Reader(commit)) as shard:
+        assert shard.read_ahead == 0
+        assert list(shard.events(SESSION))[-1] == ("answer", 50, b"from the old owner")
+        lock.rename(of_the_new)
+        of_the_old.rename(lock)
+        old.close()
+        of_the_new.rename(lock)
     assert verify(data).problems == ()
 
 

@@ -65,6 +65,18 @@ def test_what_only_the_mirror_held_takes_effect_behind_what_was_read_ahead(
         assert (folded.session.paused, "bob" in folded.known) == (True, True)
 
 
+def test_of_a_file_that_had_to_be_mended_the_session_is_rebuilt_from_its_beginning(data: Path) -> None:
+    path = data / "shard-0" / SQLITE_NAME
+    content = path.read_bytes()
+    middle = content.rindex(bytes(4_000)) + 2_000  # a page holds 4,092 bytes of the padding
+    path.write_bytes(content[:middle] + b"\x01" + content[middle + 1 :])
+    recovery = Recovery()
+    with Shard.open(data, 0, recovery.begin) as shard:
+        assert (shard.read_ahead, len(shard.notes) > 0) == (0, True)
+        ((_, folded),) = recovery.sessions(shard)
+        assert told(folded) == told(fold(shard.events(SESSION)))
+
+
 def test_a_session_that_this_version_cannot_read_is_named(data: Path) -> None:
     with Shard.open(data) as shard:
         shard.append(SESSION, Kind.STEP.value, b"\xc0", at_ns=0)
