@@ -86,6 +86,17 @@ def learner(deployed: Deployed) -> Service:
     return Service("learner", (*arguments, *deployed.at_the_door))
 
 
+def learners(deployed: Deployed, shards: int) -> tuple[Service, ...]:
+    """Return the learners that share the sessions of the data directory out, one for each shard."""
+    if shards == 1:
+        return (learner(deployed),)
+    flags = learner(deployed).arguments
+    return tuple(
+        Service(f"learner-{shard}", (*flags, "--shards", str(shards), "--shard", str(shard)))
+        for shard in range(shards)
+    )
+
+
 def monitor(deployed: Deployed, *, viewer: bool, ports: tuple[int, int, int]) -> Service:
     """Return the monitor; ports are those of the scene, the curves and the web page, 0 for free ones."""
     scene, curves, web = ports

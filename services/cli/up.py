@@ -106,7 +106,7 @@ def _run(
     supervisor = launch.supervise(deployed.data, None, stop)
     try:
         supervisor.start(launch.router(deployed))
-        services = [launch.environment(deployed), launch.learner(deployed)]
+        services = [launch.environment(deployed), *launch.learners(deployed, settings.learner.shards)]
         section = settings.monitor
         if section.enabled:
             ports = (section.scene_port, section.curves_port, section.web_port)

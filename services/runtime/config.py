@@ -41,6 +41,13 @@ class GatewaySection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Whether its people are members of the crowd instead of teachers of the learner."""
 
 
+class LearnerSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """[learner]: how many share the sessions out."""
+
+    shards: Annotated[int, Meta(ge=1, le=64)] = 1
+    """Shards of the data directory, for good, and processes: where one dies the others go on with its own."""
+
+
 class AggregatorSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """[aggregator]: a crowd that teaches as one teacher; off unless asked for."""
 
@@ -68,6 +75,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     require_tokens: bool | None = None
     """Whether teachers, and members of the crowd, are let in only with a token of `sfid keys new` or
     `sfid invite`; not said: where other machines reach the router."""
+    learner: LearnerSection = LearnerSection()
     monitor: MonitorSection = MonitorSection()
     gateway: GatewaySection = GatewaySection()
     aggregator: AggregatorSection = AggregatorSection()
@@ -88,7 +96,8 @@ def read_config(path: Path) -> Config:
     except msgspec.ValidationError as error:
         known = ", ".join(
             [
-                *Config.__struct_fields__[:-3],
+                *Config.__struct_fields__[:-4],
+                *(f"learner.{f}" for f in LearnerSection.__struct_fields__),
                 *(f"monitor.{f}" for f in MonitorSection.__struct_fields__),
                 *(f"gateway.{f}" for f in GatewaySection.__struct_fields__),
                 *(f"aggregator.{f}" for f in AggregatorSection.__struct_fields__),
