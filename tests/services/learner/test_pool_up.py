@@ -64,7 +64,7 @@ def test_up_runs_a_learner_for_each_shard_and_one_that_is_killed_comes_back(tmp_
         wait_for("it is started again", lambda: processes(data).get("learner-1") != before["learner-1"])
         wait_for("both are there again", lambda: set(shards()) == {"shard-0", "shard-1"}, 60)
         listed = sfid("session", "list", "--connect", endpoint, "--json")
-        assert {one["session"] for one in json.loads(listed.stdout)["sessions"]} == set(NAMES)
+        assert {one["session"] for one in json.loads(listed.stdout)} == set(NAMES)
         up.send_signal(signal.SIGTERM)
         assert up.wait(30) == 0
     assert sfid("verify", str(data)).code == 0
