@@ -4,14 +4,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from services.exports.columns import CLAIM, DIFFERENCE_HI, DIFFERENCE_LO, EPISODE, MEASURE, METHOD
 from services.exports.table import Column, ExportError, Kind, Table, Values
 from sfid_core.experiments.claims import Claim
 from sfid_core.experiments.summary import Arm, ArmSummary, Measure
 
-_METHOD = Column("method", Kind.TEXT, "Learning method.")
 _TEACHER = Column("teacher", Kind.TEXT, "Simulated teacher.")
+_SEEDS = Column("seeds", Kind.WHOLE, "Number of seeds.")
 _SEED = Column("seed", Kind.WHOLE, "Seed of the run; arms with the same seed are paired.")
-_EPISODE = Column("episode", Kind.WHOLE, "Number of the episode, from 0.")
 
 MEASURES = {
     Measure.ABS_TD_ERROR: Column(
@@ -92,7 +92,7 @@ def episode_table(arms: Sequence[Arm], seeds: Sequence[int]) -> Table:
     }
     for measure in shared:
         cells[measure.value] = np.concatenate([arm.measures[measure].reshape(-1) for arm in arms])
-    columns = (_METHOD, _TEACHER, _SEED, _EPISODE, *(MEASURES[measure] for measure in shared))
+    columns = (METHOD, _TEACHER, _SEED, EPISODE, *(MEASURES[measure] for measure in shared))
     return Table("episodes", "Each row is one episode of one run.", columns, cells)
 
 
@@ -116,21 +116,21 @@ def seed_table(
     }
     for name in names:
         cells[name] = np.concatenate([arm.totals[name] for arm in arms])
-    columns = (_METHOD, _TEACHER, _SEED, *(known[name] for name in names))
+    columns = (METHOD, _TEACHER, _SEED, *(known[name] for name in names))
     return Table("seeds", "Each row is one run.", columns, cells)
 
 
 def curve_table(summaries: Sequence[ArmSummary]) -> Table:
     """Return one row an arm, measure and episode: the mean over seeds with its interval."""
     columns = (
-        _METHOD,
+        METHOD,
         _TEACHER,
-        Column("measure", Kind.TEXT, "What is measured; its unit is that of the column of `episodes`."),
-        _EPISODE,
+        MEASURE,
+        EPISODE,
         Column("mean", Kind.NUMBER, "Mean over the seeds.", "that of the measure"),
         Column("lo", Kind.NUMBER, "Lower end of the mean's interval.", "that of the measure"),
         Column("hi", Kind.NUMBER, "Upper end of the mean's interval.", "that of the measure"),
-        Column("seeds", Kind.WHOLE, "Number of seeds."),
+        _SEEDS,
     )
     rows = [
         (arm.method, arm.teacher, measure.value, episode, mean, lo, hi, arm.n_seeds)
@@ -140,26 +140,26 @@ def curve_table(summaries: Sequence[ArmSummary]) -> Table:
             zip(means.tolist(), arm.intervals[measure].tolist(), strict=True)
         )
     ]
-    return _of_rows("curves", "Each row is one measure of one episode over all seeds.", columns, rows)
+    return Table.of_rows("curves", "Each row is one measure of one episode over all seeds.", columns, rows)
 
 
 def claim_table(claims: Sequence[Claim]) -> Table:
     """Return one row a claim."""
     columns = (
-        Column("claim", Kind.TEXT, "The sentence."),
+        CLAIM,
         Column("holds", Kind.TRUTH, "Whether its interval supports it; otherwise it is not shown."),
         Column(
             "difference",
             Kind.NUMBER,
             "Mean over seeds of the paired difference.",
         ),
-        Column("lo", Kind.NUMBER, "Lower end of the difference's interval."),
-        Column("hi", Kind.NUMBER, "Upper end of the difference's interval."),
+        DIFFERENCE_LO,
+        DIFFERENCE_HI,
         Column("level", Kind.NUMBER, "Coverage of the interval: 0.9 for two one-sided tests at 5 %."),
         Column("margin", Kind.NUMBER, "Largest difference that counts as equivalent."),
         Column("cohen_dz", Kind.NUMBER, "Mean of the paired differences over their standard deviation."),
         Column("superiority", Kind.NUMBER, "Share of seeds in which the first arm is larger, ties half."),
-        Column("seeds", Kind.WHOLE, "Number of seeds."),
+        _SEEDS,
         Column("unit", Kind.TEXT, "Unit of difference, lo, hi and margin; empty for a number without one."),
     )
     rows = [
@@ -169,14 +169,7 @@ def claim_table(claims: Sequence[Claim]) -> Table:
         )
         for claim in claims
     ]
-    return _of_rows("claims", "Each row is one claim.", columns, rows)
-
-
-def _of_rows(name: str, title: str, columns: tuple[Column, ...], rows: Sequence[tuple[object, ...]]) -> Table:
-    cells: dict[str, Values] = {
-        column.name: [row[place] for row in rows] for place, column in enumerate(columns)
-    }
-    return Table(name, title, columns, cells)
+    return Table.of_rows("claims", "Each row is one claim.", columns, rows)
 
 
 def _repeated(texts: Sequence[str], times: int) -> list[str]:

@@ -1,9 +1,9 @@
 """One session as tidy tables: its answers, steps, episodes, states, and who was there when."""
 
-from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+from services.exports.columns import EPISODE, METHOD
 from services.exports.session_story import AnswerRow, StepRow, Story
 from services.exports.table import Column, Kind, Table
 
@@ -12,7 +12,6 @@ _AT = Column("at", Kind.TEXT, "When it was journaled: ISO 8601, UTC, microsecond
 _AT_S = Column("at_s", Kind.NUMBER, "Since the session was created.", "s")
 _TEACHER = Column("teacher", Kind.TEXT, "Pseudonym; erased-N stands for somebody who was forgotten.")
 _DECISION = Column("decision", Kind.WHOLE, "Number of the decision over the whole session, from 0.")
-_EPISODE = Column("episode", Kind.WHOLE, "Number of the episode, from 0.")
 _STEP = Column("step", Kind.WHOLE, "Step within the episode, from 0.")
 _STATE = Column("state", Kind.TEXT, "Key of the state in hex; the table states draws it.")
 _OUTCOME = Column("outcome", Kind.TEXT, "running, solved, deadlock (ended without success) or cap (cut off).")
@@ -48,7 +47,7 @@ def _session(story: Story) -> Table:
         Column("created", Kind.TEXT, "When it was created: ISO 8601, UTC."),
         Column("world", Kind.TEXT, "Name of the level or environment."),
         Column("actions", Kind.TEXT, "Names of the actions by index, parted by spaces."),
-        Column("method", Kind.TEXT, "Learning method."),
+        METHOD,
         Column("parameters", Kind.TEXT, "What differs from the method's defaults: NAME=VALUE, by spaces."),
         Column("seed", Kind.WHOLE, "Seed of every draw."),
         Column("window", Kind.TEXT, "When the first window closed: early, full or until-answered."),
@@ -73,7 +72,7 @@ def _session(story: Story) -> Table:
         *(counts.submitted, counts.applied, counts.superseded, counts.late, counts.rejected, counts.pending),
         *(story.erased, story.session.teaching_ns / 1e9, story.session.learner.sha256()),
     )
-    return _of_rows("session", "The one row is the session.", columns, [row])
+    return Table.of_rows("session", "The one row is the session.", columns, [row])
 
 
 def _answers(story: Story) -> Table:
@@ -85,7 +84,7 @@ def _answers(story: Story) -> Table:
         _TEACHER,
         Column("answer_id", Kind.TEXT, "The id that its teacher made, in hex."),
         _DECISION,
-        _EPISODE,
+        EPISODE,
         _STEP,
         _STATE,
         Column("kind", Kind.TEXT, "label, reward, guidance, undo, mistake or abstain."),
@@ -106,7 +105,7 @@ def _answers(story: Story) -> Table:
         ),
     )
     rows = [_answer(story, row) for row in story.answers]
-    return _of_rows("answers", "Each row is one answer of one teacher, as it came.", columns, rows)
+    return Table.of_rows("answers", "Each row is one answer of one teacher, as it came.", columns, rows)
 
 
 def _answer(story: Story, row: AnswerRow) -> tuple[Any, ...]:
@@ -123,7 +122,7 @@ def _answer(story: Story, row: AnswerRow) -> tuple[Any, ...]:
 
 def _steps(story: Story) -> Table:
     columns = (
-        *(_SESSION, _AT, _AT_S, _DECISION, _EPISODE, _STEP, _STATE),
+        *(_SESSION, _AT, _AT_S, _DECISION, EPISODE, _STEP, _STATE),
         Column("action", Kind.TEXT, "What the agent did; UNDO takes the step before back."),
         Column("label", Kind.TEXT, "The action that teachers named, merged; missing for silence."),
         Column("agreed", Kind.TRUTH, "Whether that is what the agent did; missing without a label."),
@@ -139,7 +138,7 @@ def _steps(story: Story) -> Table:
             for name in story.actions
         ),
     )
-    return _of_rows(
+    return Table.of_rows(
         "steps", "Each row is one executed step.", columns, [_step(story, row) for row in story.steps]
     )
 
@@ -157,7 +156,7 @@ def _step(story: Story, row: StepRow) -> tuple[Any, ...]:
 
 def _episodes(story: Story) -> Table:
     columns = (
-        *(_SESSION, _AT, _AT_S, _EPISODE),
+        *(_SESSION, _AT, _AT_S, EPISODE),
         Column("steps", Kind.WHOLE, "Actions executed in it.", "steps"),
         Column("optimal_steps", Kind.WHOLE, "Fewest steps from its start; missing where unknown.", "steps"),
         Column("abs_td_error", Kind.NUMBER, "Mean of |td_error| over its learnt steps.", "reward"),
@@ -176,7 +175,7 @@ def _episodes(story: Story) -> Table:
             *(one.abs_td_error, one.abs_td_error_shaped, one.discounted_return, one.discounted_env_return),
             *(one.inputs, one.agreements, one.outcome.value, digest),
         ))  # fmt: skip
-    return _of_rows("episodes", "Each row is one finished episode.", columns, rows)
+    return Table.of_rows("episodes", "Each row is one finished episode.", columns, rows)
 
 
 def _states(story: Story) -> Table:
@@ -189,7 +188,7 @@ def _states(story: Story) -> Table:
         Column("view", Kind.TEXT, "The state as teachers saw it, rows parted by line feeds (Sokoban: XSB)."),
     )
     rows = [(story.config.session, state.hex(), view) for state, view in views.items()]
-    return _of_rows("states", "Each row is one state that the agent met, in that order.", columns, rows)
+    return Table.of_rows("states", "Each row is one state that the agent met, in that order.", columns, rows)
 
 
 def _presence(story: Story) -> Table:
@@ -201,9 +200,4 @@ def _presence(story: Story) -> Table:
         (story.config.session, *_when(story, at_ns), decision, teacher, event)
         for at_ns, decision, teacher, event in story.presence
     ]
-    return _of_rows("presence", "Each row is a teacher who came or went.", columns, rows)
-
-
-def _of_rows(name: str, title: str, columns: tuple[Column, ...], rows: Sequence[tuple[Any, ...]]) -> Table:
-    cells = {column.name: [row[place] for row in rows] for place, column in enumerate(columns)}
-    return Table(name, title, columns, cells)
+    return Table.of_rows("presence", "Each row is a teacher who came or went.", columns, rows)

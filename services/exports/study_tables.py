@@ -1,10 +1,10 @@
 """A study's data as tables: people, lessons, episodes, the effort, curves, claims. No identities."""
 
 from collections.abc import Sequence
-from typing import Any
 
+from services.exports.columns import CLAIM, DIFFERENCE_HI, DIFFERENCE_LO, EPISODE, MEASURE, METHOD
 from services.exports.experiment_tables import MEASURES
-from services.exports.table import Column, Kind, Table, Values
+from services.exports.table import Column, Kind, Table
 from sfid_core.experiments.summary import Measure
 from sfid_core.outcome import Outcome
 from sfid_core.study.definition import QuestionKind, Study
@@ -69,7 +69,7 @@ def _people(study: Study, people: Sequence[Participant]) -> Table:
         )
         for one in people
     ]
-    return _of_rows("participants", "Each row is one person who agreed to take part.", columns, rows)
+    return Table.of_rows("participants", "Each row is one person who agreed to take part.", columns, rows)
 
 
 def _lessons(study: Study, people: Sequence[Participant]) -> Table:
@@ -103,7 +103,9 @@ def _lessons(study: Study, people: Sequence[Participant]) -> Table:
             rows.append(
                 (one.pseudonym, period, condition, methods[condition], lesson.is_whole, *counts, *given)
             )
-    return _of_rows("lessons", "Each row is one lesson of one person; practice is not here.", columns, rows)
+    return Table.of_rows(
+        "lessons", "Each row is one lesson of one person; practice is not here.", columns, rows
+    )
 
 
 def _episodes(people: Sequence[Participant]) -> Table:
@@ -111,7 +113,7 @@ def _episodes(people: Sequence[Participant]) -> Table:
         _PERSON,
         _PERIOD,
         _CONDITION,
-        Column("episode", Kind.WHOLE, "Number of the episode, from 0."),
+        EPISODE,
         *(MEASURES[measure] for measure in _MEASURED),
         MEASURES[Measure.SOLVED],
         Column("optimal_steps", Kind.WHOLE, "The fewest steps from the episode's start.", "steps"),
@@ -126,7 +128,7 @@ def _episodes(people: Sequence[Participant]) -> Table:
         for period, lesson in sorted(one.lessons.items())
         for episode in lesson.episodes
     ]
-    return _of_rows("episodes", "Each row is one episode of one lesson.", columns, rows)
+    return Table.of_rows("episodes", "Each row is one episode of one lesson.", columns, rows)
 
 
 def _answers(study: Study, people: Sequence[Participant]) -> Table:
@@ -136,17 +138,17 @@ def _answers(study: Study, people: Sequence[Participant]) -> Table:
         *(Column(one.name, kinds.get(one.kind, Kind.TEXT), one.text) for one in study.questions),
     )
     rows = [(one.pseudonym, *one.answers.values()) for one in people if one.answers]
-    return _of_rows(
+    return Table.of_rows(
         "answers", "Each row is one person who answered the study's own questions.", columns, rows
     )
 
 
 def _curves(found: Findings) -> Table:
     columns = (
-        Column("method", Kind.TEXT, "Learning method."),
+        METHOD,
         Column("teacher", Kind.TEXT, "Second factor of the design, or the condition's name."),
-        Column("measure", Kind.TEXT, "What is measured; its unit is that of the column of `episodes`."),
-        Column("episode", Kind.WHOLE, "Number of the episode, from 0."),
+        MEASURE,
+        EPISODE,
         Column("mean", Kind.NUMBER, "Mean over people.", "that of the measure"),
         Column("lo", Kind.NUMBER, "Lower end of the mean's interval over people.", "that of the measure"),
         Column("hi", Kind.NUMBER, "Upper end of the mean's interval over people.", "that of the measure"),
@@ -160,7 +162,7 @@ def _curves(found: Findings) -> Table:
             zip(means.tolist(), arm.intervals[measure].tolist(), strict=True)
         )
     ]
-    return _of_rows(
+    return Table.of_rows(
         "curves", "Each row is one measure of one episode over the people of a condition.", columns, rows
     )
 
@@ -180,18 +182,20 @@ def _effort(found: Findings) -> Table:
         for one in found.effort
         for place, name in enumerate(names)
     ]
-    return _of_rows("effort", "Each row is one scale of the questionnaire in one condition.", columns, rows)
+    return Table.of_rows(
+        "effort", "Each row is one scale of the questionnaire in one condition.", columns, rows
+    )
 
 
 def _claims(found: Findings) -> Table:
     columns = (
-        Column("claim", Kind.TEXT, "The sentence."),
+        CLAIM,
         Column("verdict", Kind.TEXT, "shown, not shown, or too few people to say (below 10 in a condition)."),
         Column("mean_first", Kind.NUMBER, "Mean of the condition named first."),
         Column("mean_other", Kind.NUMBER, "Mean of the other condition."),
         Column("difference", Kind.NUMBER, "First minus other."),
-        Column("lo", Kind.NUMBER, "Lower end of the difference's interval."),
-        Column("hi", Kind.NUMBER, "Upper end of the difference's interval."),
+        DIFFERENCE_LO,
+        DIFFERENCE_HI,
         Column("level", Kind.NUMBER, "Coverage of the interval; all of the table hold at once at 95 %."),
         Column("people_first", Kind.WHOLE, "How many people in the first condition.", "people"),
         Column("people_other", Kind.WHOLE, "How many people in the other condition.", "people"),
@@ -204,11 +208,4 @@ def _claims(found: Findings) -> Table:
         )
         for claim in found.claims
     ]
-    return _of_rows("claims", "Each row is one claim.", columns, rows)
-
-
-def _of_rows(name: str, title: str, columns: tuple[Column, ...], rows: Sequence[tuple[Any, ...]]) -> Table:
-    cells: dict[str, Values] = {
-        column.name: [row[place] for row in rows] for place, column in enumerate(columns)
-    }
-    return Table(name, title, columns, cells)
+    return Table.of_rows("claims", "Each row is one claim.", columns, rows)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -61,6 +61,16 @@ class Table:
         if len({len(cells) for cells in self.cells.values()}) > 1:
             lengths = {name: len(cells) for name, cells in self.cells.items()}
             raise ExportError(f"table {self.name} has columns of different lengths: {lengths}")
+
+    @classmethod
+    def of_rows(
+        cls, name: str, title: str, columns: tuple[Column, ...], rows: Sequence[Sequence[Any]]
+    ) -> Self:
+        """Return the table of these rows, their cells in the order of the columns. Raises: ExportError."""
+        cells: dict[str, Values] = {
+            column.name: [row[place] for row in rows] for place, column in enumerate(columns)
+        }
+        return cls(name, title, columns, cells)
 
     @property
     def n_rows(self) -> int:

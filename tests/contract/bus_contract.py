@@ -6,7 +6,7 @@ A subclass gives a `world` fixture: where its buses come from, and how to wait f
 import queue
 import threading
 from abc import ABC, abstractmethod
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import pytest
 
@@ -46,6 +46,33 @@ class World(ABC):
 def raise_always(argument: object) -> None:
     """A callback with a fault."""
     raise LookupError(argument)
+
+
+class OpenAsk(NamedTuple):
+    """A request that its server holds, and where its answer is waited for."""
+
+    asker: Bus
+    server: Bus
+    answers: "queue.SimpleQueue[Reply | None]"
+    held: Request
+
+
+def held_request(world: World, timeout_ms: int = LONG_MS) -> OpenAsk:
+    """Ask, and let the server take the request without an answer."""
+    asker, server = world.open(), world.open()
+    answers: queue.SimpleQueue[Reply | None] = queue.SimpleQueue()
+    requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
+    server.serve("rpc", requests.put)
+    world.settle()
+    asker.ask("rpc", b"", answers.put, timeout_ms)
+    return OpenAsk(asker, server, answers, world.next(requests))
+
+
+def ends_without_an_answer(world: World, open_ask: OpenAsk) -> None:
+    """Assert that the asker is told of no answer, once, and that a reply after that is lost."""
+    assert world.next(open_ask.answers) is None
+    open_ask.held.reply(b"too late")
+    assert world.rest(open_ask.answers) == []
 
 
 class BusContract:
@@ -297,43 +324,19 @@ class BusContract:
         assert world.next(answers) is None
 
     def test_a_server_that_closes_leaves_its_requests_without_an_answer(self, world: World) -> None:
-        asker, server = world.open(), world.open()
-        answers: queue.SimpleQueue[Reply | None] = queue.SimpleQueue()
-        requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
-        server.serve("rpc", requests.put)
-        world.settle()
-        asker.ask("rpc", b"", answers.put, LONG_MS)
-        held = world.next(requests)
-        server.close()
-        assert world.next(answers) is None
-        held.reply(b"too late")
-        assert world.rest(answers) == []
+        open_ask = held_request(world)
+        open_ask.server.close()
+        ends_without_an_answer(world, open_ask)
 
     def test_a_timeout_is_no_answer_and_a_reply_after_it_is_lost(self, world: World) -> None:
-        asker, server = world.open(), world.open()
-        answers: queue.SimpleQueue[Reply | None] = queue.SimpleQueue()
-        requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
-        server.serve("rpc", requests.put)
-        world.settle()
-        asker.ask("rpc", b"", answers.put, 50)
-        held = world.next(requests)
+        open_ask = held_request(world, 50)
         world.pass_time()
-        assert world.next(answers) is None
-        held.reply(b"too late")
-        assert world.rest(answers) == []
+        ends_without_an_answer(world, open_ask)
 
     def test_closing_answers_the_open_asks_with_nothing(self, world: World) -> None:
-        asker, server = world.open(), world.open()
-        answers: queue.SimpleQueue[Reply | None] = queue.SimpleQueue()
-        requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
-        server.serve("rpc", requests.put)
-        world.settle()
-        asker.ask("rpc", b"", answers.put, LONG_MS)
-        held = world.next(requests)
-        asker.close()
-        assert world.next(answers) is None
-        held.reply(b"too late")
-        assert world.rest(answers) == []
+        open_ask = held_request(world)
+        open_ask.asker.close()
+        ends_without_an_answer(world, open_ask)
 
     def test_a_raising_callback_is_counted_and_keeps_its_subscription(
         self, world: World, caplog: pytest.LogCaptureFixture

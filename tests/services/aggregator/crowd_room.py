@@ -5,57 +5,32 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-import msgspec
-
 from protocol.codec import decode
 from protocol.crowd_journal import FoldedCrowd, fold_crowd
 from protocol.journal import Record, read_answer_body
 from protocol.keys import Keys
-from protocol.messages import Acknowledgement, Answer, Crowd, Decision, Join, Welcome, WindowSpec
+from protocol.messages import Acknowledgement, Answer, Crowd, Decision, WindowSpec
 from services.aggregator.config import AggregatorConfig
 from services.aggregator.optima import Optima
 from services.aggregator.service import Aggregator
-from services.runtime.bus import Received, Reply
+from services.runtime.bus import Received
 from services.runtime.journal import Row, Shard
 from services.runtime.memory_bus import MemoryBus
-from tests.services.learner.classroom import KEYS, Classroom
+from tests.services.learner.classroom import KEYS, Classroom, Speaker
 
 CROWD_KEYS = Keys("local-crowd")
 EARLY = WindowSpec(mode="early", span_ms=1_000)
 
 
-class Member:
-    """A worker's end of the wire: it sends, and keeps what comes."""
+class Member(Speaker):
+    """A worker's end of the wire."""
+
+    keys = CROWD_KEYS
+    response_ms = 250
 
     def __init__(self, room: "CrowdRoom", name: str) -> None:
-        self.room, self.name = room, name
-        self.bus = MemoryBus(room.hub)
-        self.withdraw: Callable[[], None] = lambda: None
-        self.sent = 0
-
-    def join(self) -> Welcome:
-        self.withdraw = self.bus.announce(CROWD_KEYS.present("s1", self.name))
-        key = CROWD_KEYS.join("s1", self.name)
-        return decode(self.room.ask(self.bus, key, Join(session="s1", teacher=self.name)).payload, Welcome)
-
-    def message(self, decision: Decision, **changes: Any) -> Answer:  # noqa: ANN401 - any field
-        self.sent += 1
-        answer = Answer(
-            answer_id=self.name.encode()[:8].ljust(8, b"-") + self.sent.to_bytes(8, "big"),
-            session="s1",
-            teacher=self.name,
-            epoch=decision.epoch,
-            decision=decision.decision,
-            episode=decision.episode,
-            step=decision.step,
-            state=decision.state,
-            kind="label",
-            response_ms=250,
-        )
-        return msgspec.structs.replace(answer, **changes)
-
-    def send(self, answer: Answer) -> Reply:
-        return self.room.ask(self.bus, CROWD_KEYS.answer("s1", self.name), answer)
+        super().__init__(room, name)
+        self.room: CrowdRoom = room
 
     def label(self, action: str, decision: Decision | None = None) -> str:
         """Name an action for the decision as it stands; return the code of the acknowledgement."""

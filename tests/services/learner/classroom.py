@@ -4,7 +4,7 @@ import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import msgspec
 
@@ -61,20 +61,22 @@ def optimal(view: str) -> tuple[int, ...]:
     return tuple(int(action) for action in ROOM_SOLUTION.optimal_actions(parse_levels(view)[0].start))
 
 
-class Pupil:
-    """A teacher's end of the wire, small enough to see through: it sends, and keeps what comes."""
+class Speaker:
+    """Somebody's end of the wire, small enough to see through: it joins, and sends answers."""
+
+    keys: ClassVar[Keys] = KEYS
+    response_ms: ClassVar[int | None] = None
 
     def __init__(self, room: "Classroom", name: str) -> None:
-        self.room = room
-        self.name = name
+        self.room, self.name = room, name
         self.bus = MemoryBus(room.hub)
         self.withdraw: Callable[[], None] = lambda: None
         self.sent = 0
 
     def join(self, **changes: Any) -> Welcome:  # noqa: ANN401 - any field
-        self.withdraw = self.bus.announce(KEYS.present("s1", self.name))
+        self.withdraw = self.bus.announce(self.keys.present("s1", self.name))
         message = Join(session="s1", teacher=self.name, **changes)
-        return decode(self.room.ask(self.bus, KEYS.join("s1", self.name), message).payload, Welcome)
+        return decode(self.room.ask(self.bus, self.keys.join("s1", self.name), message).payload, Welcome)
 
     def message(self, decision: Decision, **changes: Any) -> Answer:  # noqa: ANN401 - any field
         self.sent += 1
@@ -88,11 +90,16 @@ class Pupil:
             step=decision.step,
             state=decision.state,
             kind="label",
+            response_ms=self.response_ms,
         )
         return msgspec.structs.replace(answer, **changes)
 
     def send(self, answer: Answer) -> Reply:
-        return self.room.ask(self.bus, KEYS.answer("s1", self.name), answer)
+        return self.room.ask(self.bus, self.keys.answer("s1", self.name), answer)
+
+
+class Pupil(Speaker):
+    """A teacher's end of the wire."""
 
     def label(self, decision: Decision, action: str) -> Acknowledgement:
         return decode(self.send(self.message(decision, action=action)).payload, Acknowledgement)
