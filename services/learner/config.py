@@ -17,6 +17,8 @@ class LearnerConfig:
     """For how long nobody has held a shard before another learner of the pool takes it: time to restart."""
     settle_ms: int = 5_000
     """The same for a learner that has just started: the others may start as well."""
+    cut_off_ms: int = 5_000
+    """A learner of a pool that reaches no router for so long gives its shards up to those who do."""
     burden_ms: int = 250
     """By how much each shard that it holds makes a learner wait longer for one more."""
     jitter_ms: int = 500

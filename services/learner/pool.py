@@ -40,7 +40,8 @@ class Pool:
         self._vigil = Vigil(config, home, clock.now_ns(), chance or SystemRandom())
         self._happened: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._holdings: dict[int, Holding] = {}
-        self._was_cut_off = False
+        self._cut_off_ns: int | None = None
+        """Since when there has been no router, if there is none."""
         self._awaited = home
         """The shard that must be held, or found taken, before the process is ready."""
 
@@ -58,6 +59,7 @@ class Pool:
         try:
             while not stop.is_set():
                 self._take_what_is_due()
+                self._give_up_when_cut_off()
                 if self._awaited is None and not told:
                     told = True
                     ready()
@@ -95,7 +97,8 @@ class Pool:
         self._holdings.pop(shard, None)
         locked = isinstance(error, JournalLocked)
         fenced = isinstance(error, JournalFenced)
-        self._vigil.lost(shard, self._clock.now_ns(), failed=not (locked or fenced))
+        failed = error is not None and not (locked or fenced)
+        self._vigil.lost(shard, self._clock.now_ns(), failed=failed)
         if locked and self._awaited == shard:
             log.info("shard %d is another learner's: standing by", shard)
         elif fenced:
@@ -122,9 +125,19 @@ class Pool:
             self._vigil.went(shard, self._clock.now_ns())
 
     def _on_connection(self, connected: bool) -> None:  # noqa: FBT001 - the bus calls it with one argument
-        if connected and self._was_cut_off:
-            self._vigil.reconnected(self._clock.now_ns())
-        self._was_cut_off = not connected
+        now_ns = self._clock.now_ns()
+        if connected and self._cut_off_ns is not None:
+            self._vigil.reconnected(now_ns)
+        self._cut_off_ns = None if connected else now_ns
+
+    def _give_up_when_cut_off(self) -> None:
+        """Let learners at another router have the sessions that nobody reaches here."""
+        if self._cut_off_ns is None or not self._holdings:
+            return
+        if self._clock.now_ns() - self._cut_off_ns >= self._config.cut_off_ms * 1_000_000:
+            log.warning("no router for %.0f s: the shards are given up", self._config.cut_off_ms / 1000)
+            self._drain()
+            self._holdings.clear()
 
     def _drain(self) -> None:
         for holding in self._holdings.values():

@@ -25,7 +25,7 @@ from tests.services.learner.classroom import session
 KEYS = Keys("local")
 SHARDS = 3
 NAMES = tuple(f"s{number}" for number in range(9))
-QUICK = {"takeover_ms": 100, "settle_ms": 1_500, "burden_ms": 20, "jitter_ms": 20}
+QUICK = {"takeover_ms": 100, "settle_ms": 1_500, "burden_ms": 20, "jitter_ms": 20, "cut_off_ms": 300}
 
 
 @dataclass
@@ -190,13 +190,31 @@ def test_a_fenced_learner_gives_up_that_shard_alone_and_stands_by_for_it(buildin
     assert verify(building.data_dir).problems == ()
 
 
-def test_who_is_cut_off_takes_nothing_and_lets_the_others_be_seen_first(building: Building) -> None:
+def test_the_shards_of_a_learner_that_is_cut_off_go_on_where_there_is_a_router(building: Building) -> None:
     first, second, third = building.start_all()
+    building.create_all()
+    moved = next(name for name in NAMES if shard_of(name, SHARDS) == 2)
+    before = building.join(moved).epoch
     third.bus.set_online(online=False)
-    first.end()
-    wait_for("the other takes it", lambda: second.holds == {0, 1})
+    wait_for("somebody else has its shard", lambda: first.holds | second.holds == {0, 1, 2})
+    assert building.epoch_of(moved) == before + 1
     third.bus.set_online(online=True)
-    assert third.holds == {2}
+    taker = first if 2 in first.holds else second
+    taker.end()
+    wait_for("it takes part again", lambda: bool(third.holds))
+    wait_for("all are held again", lambda: set().union(*building.held()) == {0, 1, 2})
+
+
+def test_a_moment_without_a_router_moves_nothing(building: Building) -> None:
+    first, second, third = building.start_all()
+    building.create_all()
+    epochs = {name: building.join(name).epoch for name in NAMES}
+    for process in (first, second, third):
+        process.bus.set_online(online=False)
+    for process in (first, second, third):
+        process.bus.set_online(online=True)
+    assert building.held() == [{0}, {1}, {2}]
+    assert {name: building.epoch_of(name) for name in NAMES} == epochs
 
 
 def test_another_number_of_shards_is_refused(building: Building) -> None:
