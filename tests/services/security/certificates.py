@@ -16,12 +16,16 @@ class Authority:
         )  # fmt: skip
 
     def sign(self, folder: Path, role: str) -> None:
-        """Write the certificate and the key of a role, good for this machine's loopback."""
+        """Write the certificate and the key of a role, good for this machine's loopback.
+
+        Only a router's is good to be connected to.
+        """
+        use = "serverAuth,clientAuth" if role in {"router", "edge"} else "clientAuth"
         extensions = folder / f"{role}.ext"
         extensions.write_text(
             "basicConstraints=critical,CA:FALSE\n"
             "keyUsage=critical,digitalSignature\n"
-            "extendedKeyUsage=serverAuth,clientAuth\n"
+            f"extendedKeyUsage={use}\n"
             f"subjectAltName=IP:127.0.0.1,DNS:localhost,DNS:{role}\n"
         )
         self._openssl(

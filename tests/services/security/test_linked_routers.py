@@ -13,10 +13,10 @@ import pytest
 import zenoh
 
 from protocol.keys import Keys
-from services.router import RouterConfig
+from services.router import RouterConfig, free_endpoint
 from services.router_links import Link
-from services.runtime.access import Access, Guard, certificates, make_access, read_access
-from services.runtime.bus import Presence, Received, Reply, Request
+from services.runtime.access import Access, Guard, access_for, certificates, make_access, read_access
+from services.runtime.bus import BusError, Presence, Received, Reply, Request
 from services.runtime.zenoh_bus import ZenohBus, ZenohRouter, open_bus
 from services.topology import Role
 from tests.services.cli.command_line import sfid
@@ -92,7 +92,7 @@ def beside(lab: Place, there: Path, link: Link) -> Iterator[Place]:
 @contextmanager
 def taken_over(lab: Place, link: str, certificate: str) -> Iterator[str]:
     """A router in wrong hands, with a login and a certificate: it lets everybody in to do anything."""
-    endpoint = tls_endpoint()
+    endpoint = free_endpoint()
     users = lab.folder / "users"
     everything: dict[str, object] = {"enabled": False}
     guard = Guard(users, everything, certificates(lab.folder, certificate), read_access(lab.folder, link))
@@ -191,7 +191,7 @@ def linked(lab: Place, endpoint: str, access: Access) -> None:
 
 
 def test_an_edge_in_wrong_hands_may_do_what_teachers_may_and_a_router_is_trusted(lab: Place) -> None:
-    anybody = read_access(lab.folder, "teacher", tls=True)
+    anybody = read_access(lab.folder, "teacher")
     with taken_over(lab, "edge", "edge") as endpoint:
         linked(lab, endpoint, anybody)
         assert harm_done(lab, endpoint, anybody) == set()
@@ -206,7 +206,7 @@ def test_an_edge_in_wrong_hands_may_do_what_teachers_may_and_a_router_is_trusted
     "login,certificate", [("teacher", "teacher"), ("router", "teacher"), ("teacher", "learner")]
 )
 def test_who_has_no_routers_certificate_is_no_router(lab: Place, login: str, certificate: str) -> None:
-    anybody = read_access(lab.folder, "teacher", tls=True)
+    anybody = read_access(lab.folder, "teacher")
     with taken_over(lab, login, certificate) as endpoint:
         assert harm_done(lab, endpoint, anybody) == set()
         lab.stack.close()
@@ -214,6 +214,19 @@ def test_who_has_no_routers_certificate_is_no_router(lab: Place, login: str, cer
         learner = lab.bus(Role.LEARNER)
         learner.serve(KEYS.answer(), answering(b"saved"))
         assert ask_until_served(lab.bus(Role.TEACHER), KEYS.answer("s1", "ann")) == Reply(b"saved")
+
+
+def test_with_a_clients_certificate_nobody_passes_for_the_router(
+    folder: Path,
+) -> None:
+    endpoint = tls_endpoint()
+    guard = Guard(folder / "users", {"enabled": False}, certificates(folder, "teacher"))
+    router = ZenohRouter(endpoint, "it listens", guard=guard)
+    try:
+        with pytest.raises(BusError, match="lets this program in"):
+            open_bus(endpoint, 0, access=access_for(endpoint, "learner", folder))
+    finally:
+        router.close()
 
 
 def written(tmp_path: Path, name: str, *arguments: str) -> Path:
