@@ -1,7 +1,8 @@
 """`sfid session create|list|show|rewind|pause|resume|stop`."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -59,6 +60,12 @@ session_app = typer.Typer(
     help="Create, watch and control teaching sessions.", no_args_is_help=True, rich_markup_mode=None
 )
 SessionName = Annotated[str, typer.Argument(help="Name of the session: a-z, 0-9, - and _.")]
+TeachersMin = Annotated[
+    int | None,
+    typer.Option(
+        help="Teachers who must join before the first decision. Default: 1, or 0 if the method asks nobody."
+    ),
+]
 SEED_MAX = 2**53 - 1
 
 
@@ -159,13 +166,7 @@ def create(  # noqa: PLR0917 - one argument a flag
     window_mode: Annotated[str, typer.Option(help="early, full or until-answered.")] = "early",
     window_ms: Annotated[int, typer.Option(help="Window for an answer in ms, 1 to 3,600,000.")] = 5_000,
     quorum: Annotated[int, typer.Option(help="Answers that close the window; 0: everyone present.")] = 0,
-    teachers_min: Annotated[
-        int | None,
-        typer.Option(
-            help="Teachers who must join before the first decision. Default: 1, or 0 for a method that asks "
-            "nobody."
-        ),
-    ] = None,
+    teachers_min: TeachersMin = None,
     parameter: Parameter = None,
     gym: Gym = None,
     gym_option: GymOption = None,
@@ -191,21 +192,26 @@ def create(  # noqa: PLR0917 - one argument a flag
     config = chosen(None if condition is None else condition.config, flags, seed)
     played = gym_world(gym, gym_option, gym_actions, gym_render, reward_scale, config.world.starts)
     world = played or wire_world(config.world)
-    given, lasting, asks = dict(config.parameters), config.episodes, METHODS[config.method].asks
-    least = min(1, len(asks)) if teachers_min is None else teachers_min
+    given, lasting = dict(config.parameters), config.episodes
+    least = min(1, len(METHODS[config.method].asks)) if teachers_min is None else teachers_min
     created = session_config(name, "", config.method, lasting, "", seed, window, least, given, world)
     with operator(connect, deployment, access=access) as asked:
         before = {row.session for row in asked.sessions().sessions}
         asked.create(created)
-    said = "was there already, just so" if name in before else "created"
-    verb, does = ("teach keyboard --session", "teaches it") if asks else ("session show", "shows how it does")
-    nobody = "" if asks else f": {config.method} asks nobody"
-    next_ = suggested(f"{verb} {name}", connect, deployment, access)
-    print(f"session {name} {said}{nobody}: {next_} {does}")
-    if condition is not None and asks:
+    next_ = partial(suggested, connect=connect, deployment=deployment, access=access)
+    print(_created_line(name, config.method, next_, again=name in before))
+    if condition is not None and METHODS[config.method].asks:
         as_there = experiment_words(condition.config, config)
         for command in scripted_commands(condition.teachers, name):
-            print(f"{as_there}: {suggested(command, connect, deployment, access)}")
+            print(f"{as_there}: {next_(command)}")
+
+
+def _created_line(name: str, method: str, next_: Callable[[str], str], *, again: bool) -> str:
+    said = "was there already, just so" if again else "created"
+    if METHODS[method].asks:
+        return f"session {name} {said}: {next_(f'teach keyboard --session {name}')} teaches it"
+    watch = next_(f"session show {name}")
+    return f"session {name} {said}: {method} asks nobody: {watch} shows how it does"
 
 
 @session_app.command("list")
