@@ -126,7 +126,10 @@ def said(
 ) -> None:
     """Tell who said what, when it was shown and when it was answered, to the learner and to its crowds."""
     # By decision: what members of a crowd said stands beside what came of it.
-    rows = sorted((_row(saying) for saying in _sayings(directory, session)), key=lambda row: row["decision"])
+    rows = sorted(
+        (_row(saying) for saying in _sayings(directory, session)),
+        key=lambda row: (row["decision"], not row["via"]),
+    )
     if not rows:
         if session not in session_names(directory):
             raise no_such_session(directory, session, NOT_SO)

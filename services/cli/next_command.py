@@ -16,10 +16,12 @@ def suggested(
     access: Path | None = None,
     *,
     data: Path = DATA,
+    usual_data: Path = DATA,
 ) -> str:
     """Return a command in backticks that can be pasted: with every flag that is not at its default.
 
-    Args: words: the command without `sfid`; connect: endpoint at which the router listens or is reached.
+    Args: words: the command without `sfid`; connect: endpoint at which the router listens or is reached;
+    usual_data: the data directory that the command takes without --data.
     """
     flags: list[str] = []
     if reached_at(connect) != ENDPOINT:
@@ -28,6 +30,6 @@ def suggested(
         flags += ["--deployment", deployment]
     if access is not None:
         flags += ["--access", str(access)]
-    if data != DATA:
+    if data != usual_data:
         flags += ["--data", str(data)]
     return f"`{' '.join(['sfid', words, *map(shlex.quote, flags)])}`"

@@ -235,7 +235,8 @@ def list_sessions(
         done = f"episode {row.episode}/{row.episodes}"
         print(f"{row.session}: {row.method} on {row.level_name}, {done}, {state}, {teachers}")
     if not sessions:
-        print("no sessions yet: `sfid session create NAME` creates one")
+        create_one = suggested("session create NAME", connect, deployment, access)
+        print(f"no sessions yet: {create_one} creates one")
 
 
 @session_app.command()
@@ -293,9 +294,8 @@ def rewind(
         raise CommandError(f"episode {episode} is negative: count from 0")
     with operator(connect, deployment, name, access) as asked:
         asked.branch(name, episode, branch)
-    print(
-        f"session {branch} stands before episode {episode} of {name}: `sfid session resume {branch}` goes on"
-    )
+    resume = suggested(f"session resume {branch}", connect, deployment, access)
+    print(f"session {branch} stands before episode {episode} of {name}: {resume} goes on")
 
 
 @session_app.command()

@@ -3,6 +3,7 @@
 import logging
 from contextlib import suppress
 from pathlib import Path
+from shlex import quote
 from typing import Annotated
 
 import typer
@@ -10,6 +11,7 @@ import typer
 from services.cli import launch
 from services.cli.failure import NOT_SO, CommandError
 from services.cli.level_files import check_starts, find_level
+from services.cli.next_command import suggested
 from services.cli.options import (
     ENDPOINT,
     Access,
@@ -127,7 +129,10 @@ def _run(
             print_json({"url": link, "study": found.study.name, "data_dir": str(deployed.data)})
         else:
             print(f"participants of {found.study.name} take part at\n{link}", flush=True)
-            print(f"data in {deployed.data}; `sfid study status {file}` shows how far people are", flush=True)
+            status_of = suggested(
+                f"study status {quote(str(file))}", data=deployed.data, usual_data=found.data
+            )
+            print(f"data in {deployed.data}; {status_of} shows how far people are", flush=True)
         while True:
             supervisor.check()
             stop.pause(CHECK_S)

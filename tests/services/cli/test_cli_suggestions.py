@@ -10,6 +10,7 @@ from services.cli.launch import Deployed
 from services.cli.next_command import suggested
 from services.cli.options import DATA, ENDPOINT
 from services.cli.up import told
+from tests.services.aggregator.crowd_room import CrowdRoom
 from tests.services.cli.command_line import Done, sfid
 from tests.services.learner.classroom import Classroom, Pupil, session
 
@@ -35,6 +36,9 @@ def journal(tmp_path: Path) -> Path:
 def test_a_suggested_command_has_the_flags_that_are_not_at_their_defaults() -> None:
     assert suggested("session list") == "`sfid session list`"
     assert suggested("session list", ENDPOINT, "local", data=DATA) == "`sfid session list`"
+    assert (
+        suggested("study status s.toml", data=Path("d"), usual_data=Path("d")) == "`sfid study status s.toml`"
+    )
     assert suggested("session list", "tcp/0.0.0.0:7001", "lab", Path("my logins"), data=Path("/d")) == (
         "`sfid session list --connect tcp/127.0.0.1:7001 --deployment lab --access 'my logins' --data /d`"
     )
@@ -79,6 +83,33 @@ def test_a_session_in_which_nobody_spoke_is_told_from_one_that_is_not_there(jour
     done = sfid("said", str(journal), "--session", "s3")
     said = f"sfid: {journal}: nobody has said anything in session s3 yet: `sfid teach` teaches it\n"
     assert done == Done(1, "", said)
+
+
+class OneDirectory(CrowdRoom):
+    """A crowd's room whose aggregator keeps its journal beside the learner's, as a deployment has it."""
+
+    def start_learner(self) -> None:
+        self.crowd_dir = self.data_dir
+        super().start_learner()
+
+
+def test_what_a_crowd_said_stands_by_decision_beside_what_came_of_it(tmp_path: Path) -> None:
+    room = OneDirectory(tmp_path / "data")
+    room.create()
+    members = room.members("ann", "bea")
+    for action in ("UP", "DOWN"):
+        for member in members:
+            member.label(action)
+        room.settle()
+    room.close()
+    said = json.loads(sfid("said", str(tmp_path / "data"), "--session", "s1", "--json").stdout)["said"]
+    assert [(one["decision"], one["teacher"], one["via"], one["action"]) for one in said] == [
+        (decision, teacher, "" if teacher == "crowd" else "crowd", action)
+        for decision, action in enumerate(("UP", "DOWN"))
+        for teacher in ("ann", "bea", "crowd")
+    ]
+    lines = sfid("said", str(tmp_path / "data"), "--session", "s1").stdout.splitlines()
+    assert [line.partition(":")[0] for line in lines] == ["decision 0"] * 3 + ["decision 1"] * 3
 
 
 def test_another_method_is_replayed_where_it_fits_and_names_where_it_does_not(journal: Path) -> None:
