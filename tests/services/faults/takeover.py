@@ -1,9 +1,9 @@
-"""One of several learners dies: its sessions go on in the others, over two routers, and nothing is lost.
+"""One of several learners dies, or its router: its sessions go on in the others, and nothing is lost.
 
-    python -m tests.services.faults.takeover [--sessions 300] [--learners 3] [--seconds 10]
+    python -m tests.services.faults.takeover [--sessions 300] [--learners 3] [--kill learner|router]
 
-Two routers are linked by TLS; environment and every other learner stand at the first, operator, teachers and
-the other learners at the second. The first learner is killed while every session is taught.
+Two routers are linked by TLS; learners 0, 2, ... stand at the one, environment, operator, teachers and the
+other learners at the other. While every session is taught, learner 0 is killed, or the router of its like.
 """
 
 import argparse
@@ -46,6 +46,7 @@ PACE_S = 1.0
 """From the question to the answer: the pace of people."""
 START_S = 120.0
 BACK_S = 60.0
+BACK_MS_MAX = {"learner": 10_000, "router": 15_000}
 QUIET_S = 0.02
 LATER = 3
 """Acknowledgements of every session before the learner dies, and after all go on again."""
@@ -57,7 +58,7 @@ class Takeover(NamedTuple):
     sessions: int
     learners: int
     moved: int
-    """Sessions of the learner that was killed."""
+    """Sessions of the learners that were killed, or cut off."""
     back_ms_median: int
     """From the kill to the first answer that the new owner acknowledged, by session."""
     back_ms_worst: int
@@ -75,7 +76,7 @@ class Takeover(NamedTuple):
     astray: int
     """Sessions with rows in another shard than their own."""
     epochs_wrong: int
-    """Sessions that began anew other than once, or twice where their learner was killed."""
+    """Sessions that began anew other than once, or twice where they moved."""
     problems: int
     """What `verify` found, and sessions whose replay differs."""
 
@@ -168,10 +169,10 @@ class Machines:
         roles = [*(role.value for role in Role), Link.ROUTER.value]
         self.access = certified(root / "access", *dict.fromkeys(roles))
         self.inner, self.outer = tls_endpoint(), tls_endpoint()
-        self._start("inner", "router", "--listen", self.inner)
+        self.router = self._start("inner", "router", "--listen", self.inner)
         wait_for("the logins", (self.access / USERS).exists)
         self._start("outer", "router", "--listen", self.outer, "--connect", self.inner)
-        self._start("environment", "environment", "--connect", self.inner)
+        self._start("environment", "environment", "--connect", self.outer)
         self.learners = [
             self._start(
                 f"learner-{shard}", "learner", "--connect", self.outer if shard % 2 else self.inner,
@@ -199,10 +200,11 @@ class Machines:
             assert learner.wait(30) == 0, "a learner did not end well"
 
 
-def kill_one(sessions: int, learners: int, seconds: float, root: Path) -> Takeover:
-    """Teach so many sessions, kill the first learner, teach on for a while, look at the journals."""
+def kill_one(sessions: int, learners: int, seconds: float, root: Path, victim: str = "learner") -> Takeover:
+    """Teach so many sessions, kill a learner or a router, teach on for a while, look at the journals."""
     names = [f"s{number}" for number in range(sessions)]
-    moved = [name for name in names if shard_of(name, learners) == 0]
+    struck = {0} if victim == "learner" else set(range(0, learners, 2))
+    moved = [name for name in names if shard_of(name, learners) in struck]
     with ExitStack() as stack:
         machines = Machines(root, learners, stack)
         operator = Operator(machines.bus(Role.OPERATOR, machines.outer), KEYS, patience_s=START_S)
@@ -212,7 +214,7 @@ def kill_one(sessions: int, learners: int, seconds: float, root: Path) -> Takeov
         chorus.start()
         wait_for("all are taught", lambda: all(chorus.count(name) >= LATER for name in names), START_S)
         killed_s = time.monotonic()
-        machines.learners[0].kill()
+        (machines.learners[0] if victim == "learner" else machines.router).kill()
         listed = len(operator.sessions().sessions)
         list_ms = round((time.monotonic() - killed_s) * 1000)
         wait_for("all go on", lambda: all(chorus.count(name, 2) for name in moved), BACK_S)
@@ -239,7 +241,7 @@ def kill_one(sessions: int, learners: int, seconds: float, root: Path) -> Takeov
     return Takeover(
         sessions, learners, len(moved), back_ms[len(back_ms) // 2], back_ms[-1], list_ms, listed,
         round(max(one.waited_s for one in stayed) * 1000), sum(map(len, heard.values())), after,
-        *_account(machines.data, learners, heard),
+        *_account(machines.data, learners, heard, set(moved)),
     )  # fmt: skip
 
 
@@ -254,7 +256,7 @@ def _session(name: str) -> CreateSession:
 
 
 def _account(
-    data: Path, learners: int, heard: dict[str, dict[bytes, Acknowledged]]
+    data: Path, learners: int, heard: dict[str, dict[bytes, Acknowledged]], moved: set[str]
 ) -> tuple[int, int, int, int, int]:
     """Return how much is lost, twice, astray, begun anew wrongly, and wrong in the journals."""
     written: Counter[tuple[str, bytes | None]] = Counter()
@@ -267,7 +269,7 @@ def _account(
             if row.kind == "answer":
                 written[row.session, row.unique] += 1
     told = [(name, answer_id) for name, answers in heard.items() for answer_id in answers]
-    expected = {name: 2 if shard_of(name, learners) == 0 else 1 for name in heard}
+    expected = {name: 2 if name in moved else 1 for name in heard}
     differing = sum(not replayed.matches for replayed in replay_directory(data))
     return (
         sum(one not in written for one in told),
@@ -294,14 +296,15 @@ def main() -> int:
     parser.add_argument("--sessions", type=int, default=300)
     parser.add_argument("--learners", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=10.0, help="how long all are taught on afterwards")
+    parser.add_argument("--kill", choices=("learner", "router"), default="learner")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as root:
-        found = kill_one(options.sessions, options.learners, options.seconds, Path(root))
+        found = kill_one(options.sessions, options.learners, options.seconds, Path(root), options.kill)
     sys.stdout.write(json.dumps(found._asdict()) + "\n")
-    return int(bool(broken(found)))
+    return int(bool(broken(found, BACK_MS_MAX[options.kill])))
 
 
-def broken(found: Takeover, back_ms_max: int = 10_000) -> dict[str, int]:
+def broken(found: Takeover, back_ms_max: int) -> dict[str, int]:
     """Return what is not as promised; empty when all is."""
     wrong = ("lost", "twice", "astray", "epochs_wrong", "problems")
     figures = {name: getattr(found, name) for name in wrong if getattr(found, name)}

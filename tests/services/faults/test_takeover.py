@@ -5,20 +5,20 @@ from pathlib import Path
 
 import pytest
 
-from tests.services.faults.takeover import broken, kill_one
+from tests.services.faults.takeover import BACK_MS_MAX, broken, kill_one
 
-SESSIONS = 30
 SECONDS = 2.0
 
 
 @pytest.mark.real
-def test_the_sessions_of_a_killed_learner_go_on_in_the_others_and_nothing_is_lost(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("victim,sessions,moved", [("learner", 30, 17), ("router", 9, 7)])
+def test_the_sessions_of_a_killed_learner_or_router_go_on_in_the_others_and_nothing_is_lost(
+    victim: str, sessions: int, moved: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = kill_one(SESSIONS, 3, SECONDS, tmp_path)
+    found = kill_one(sessions, 3, SECONDS, tmp_path, victim)
     with capsys.disabled():
-        sys.stdout.write(f"\ntakeover: {found._asdict()}\n")
-    assert broken(found) == {}
-    assert (found.sessions, found.moved) == (SESSIONS, 17)
-    assert found.listed >= SESSIONS - found.moved
-    assert found.acknowledged_after >= 3 * SESSIONS
+        sys.stdout.write(f"\ntakeover from a {victim}: {found._asdict()}\n")
+    assert broken(found, BACK_MS_MAX[victim]) == {}
+    assert (found.sessions, found.moved) == (sessions, moved)
+    assert found.listed >= sessions - found.moved
+    assert found.acknowledged_after >= 3 * sessions
