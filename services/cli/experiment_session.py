@@ -112,7 +112,7 @@ def session(  # noqa: PLR0917 - one argument a flag
     )
     condition = _condition(past, flags, first, name, teacher)
     absent = () if past is None else absent_teachers(past.teachers, condition.teachers)
-    if absent:
+    if absent and teacher is None:  # who names others with --teacher knows
         print(f"note: {_instead(absent, condition)}", file=sys.stderr, flush=True)
     run = run_all([condition], numbers, workers, out, plain=no_compile)
     _report(condition, run, numbers, out, absent, as_json=as_json)

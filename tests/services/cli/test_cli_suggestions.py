@@ -131,6 +131,9 @@ def test_an_experiment_from_a_session_says_whose_teaching_it_replaces(journal: P
         "choose with --teacher"
     )
     assert json.loads(done.stdout)["teachers"] == {"simulated": ["expert"], "absent": ["ann"]}
+    named = sfid(*order, "--teacher", "naive")
+    assert "note: " not in named.stderr
+    assert json.loads(named.stdout)["teachers"] == {"simulated": ["naive"], "absent": ["ann"]}
     assert absent_teachers(("oracle", "crowd", "ann"), ["oracle"]) == ("crowd", "ann")
 
 
