@@ -112,8 +112,8 @@ def session(  # noqa: PLR0917 - one argument a flag
     )
     condition = _condition(past, flags, first, name, teacher)
     absent = () if past is None else absent_teachers(past.teachers, condition.teachers)
-    if absent and teacher is None:  # who names others with --teacher knows
-        print(f"note: {_instead(absent, condition)}", file=sys.stderr, flush=True)
+    if note := replacement_note(absent, condition, teacher):
+        print(note, file=sys.stderr, flush=True)
     run = run_all([condition], numbers, workers, out, plain=no_compile)
     _report(condition, run, numbers, out, absent, as_json=as_json)
 
@@ -136,10 +136,13 @@ def absent_teachers(recorded_teachers: Sequence[str], taught_by: Iterable[str]) 
     return tuple(one for one in recorded_teachers if one not in taught)
 
 
-def _instead(absent: Sequence[str], condition: Condition) -> str:
+def replacement_note(absent: Sequence[str], condition: Condition, chosen: str | None) -> str:
+    """Return who teaches in whose place, empty where nobody was replaced or --teacher has chosen."""
+    if not absent or chosen is not None:
+        return ""
     teachers = ", ".join(condition.teachers) or "nobody"
     return (
-        f"{', '.join(absent)} taught the recorded session and cannot be simulated by name: here "
+        f"note: {', '.join(absent)} taught the recorded session and cannot be simulated by name: here "
         f"{teachers} teaches; choose with --teacher"
     )
 

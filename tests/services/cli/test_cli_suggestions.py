@@ -5,10 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from services.cli.experiment_session import absent_teachers
+from services.cli.experiment_session import absent_teachers, replacement_note
 from services.cli.launch import Deployed
 from services.cli.next_command import suggested
 from services.cli.options import DATA, ENDPOINT
+from services.cli.session_source import condition_named
 from services.cli.up import told
 from tests.services.aggregator.crowd_room import CrowdRoom
 from tests.services.cli.command_line import Done, sfid
@@ -131,10 +132,16 @@ def test_an_experiment_from_a_session_says_whose_teaching_it_replaces(journal: P
         "choose with --teacher"
     )
     assert json.loads(done.stdout)["teachers"] == {"simulated": ["expert"], "absent": ["ann"]}
-    named = sfid(*order, "--teacher", "naive")
-    assert "note: " not in named.stderr
-    assert json.loads(named.stdout)["teachers"] == {"simulated": ["naive"], "absent": ["ann"]}
     assert absent_teachers(("oracle", "crowd", "ann"), ["oracle"]) == ("crowd", "ann")
+
+
+def test_who_names_the_teachers_of_an_experiment_needs_no_note() -> None:
+    condition = condition_named("figure2:sfid+naive")
+    assert replacement_note(["ann", "crowd"], condition, None) == (
+        "note: ann, crowd taught the recorded session and cannot be simulated by name: here naive teaches; "
+        "choose with --teacher"
+    )
+    assert replacement_note(["ann"], condition, "naive") == replacement_note([], condition, None) == ""
 
 
 def test_the_first_labels_are_shown_and_how_to_get_all(tmp_path: Path) -> None:
