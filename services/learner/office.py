@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 from typing import TYPE_CHECKING
 
@@ -38,6 +39,7 @@ log = logging.getLogger("sfid.learner")
 EPISODES_A_REPORT = 100
 """About 25 KB: well within the largest payload."""
 SENDERS_A_REPORT = 100
+SESSIONS_A_FREEZE = 256
 
 ROWS_A_PAGE = 256
 """Rows of the journal in one reply: some 2 ms of the loop, so that teaching goes on beside a late watcher."""
@@ -103,6 +105,8 @@ class Office:
             )
         live = created(message, learner.keys)
         learner.take_in(live)
+        if len(learner.sessions) % SESSIONS_A_FREEZE == 0:
+            gc.freeze()  # sessions stay: looking through all of them again and again would stop teaching
         at_ns = learner.loop.at_ns()
         learner.append(live, Kind.CREATED, encode(message), at_ns)
         log.info("session %s created: %s on %s", live.name, message.method, message.world.level_name)

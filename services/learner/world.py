@@ -80,7 +80,7 @@ class WorldDesk:
         number, learner = live.asked, self._learner
 
         def receive(reply: Reply | None) -> None:
-            learner.loop.enqueue(self._answered, _Answered(live, number, verb, reply))
+            learner.loop.enqueue_work(self._answered, _Answered(live, number, verb, reply))
 
         learner.bus.ask(learner.keys.environment(verb), encode(message), receive, timeout_ms)
 

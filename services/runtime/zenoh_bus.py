@@ -38,6 +38,8 @@ _CALLBACKS_S = 0.01
 _KNOCK_S = 0.2
 D = TypeVar("D")
 T = TypeVar("T")
+KNOWN_KEYS_MAX = 32_768
+"""Keys declared to the router, which remembers them as long as the connection lasts; others go by name."""
 
 
 class _Declaration(Protocol):
@@ -60,6 +62,7 @@ class ZenohBus:
         self._alone, self._shared = KeyIndex(), KeyIndex()
         """What this bus serves."""
         self._inside: list[int] = []
+        self._known: dict[str, zenoh.KeyExpr] = {}
         self._declared: dict[int, object] = {}
         """By identity: thousands are withdrawn one by one."""
         self._session = _open_session(client_config(endpoint, limits, access), lambda: _no_router(endpoint))
@@ -80,7 +83,8 @@ class ZenohBus:
         self._inside.append(thread)  # before the look at `_closed`, so that `close` sees whoever gets past it
         try:
             if not self._closed:
-                self._session.put(key, payload, congestion_control=zenoh.CongestionControl.DROP)
+                known = self._known_key(key)
+                self._session.put(known, payload, congestion_control=zenoh.CongestionControl.DROP)
         except zenoh.ZError:
             if not self._closed:
                 raise
@@ -157,7 +161,7 @@ class ZenohBus:
 
         try:
             self._session.get(
-                key,
+                self._known_key(key),
                 Callback(on_reply, asked.end, indirect=False),
                 payload=payload,
                 timeout=timeout_ms / 1000,
@@ -171,6 +175,16 @@ class ZenohBus:
             )
         except zenoh.ZError:
             asked.end()
+
+    def _known_key(self, key: str) -> str | zenoh.KeyExpr:
+        # Under a declared key the ways are found once; else anew for each message, here and in the router:
+        # a put that nobody hears takes 50 us instead of 2, a query 110 instead of 35.
+        known = self._known.get(key)
+        if known is None:
+            if len(self._known) >= KNOWN_KEYS_MAX:
+                return key
+            known = self._known[key] = self._session.declare_keyexpr(key)
+        return known
 
     def _where(self, key: str) -> zenoh.Locality:
         # Left to itself Zenoh would ask a server on this bus and one elsewhere, both.

@@ -7,7 +7,7 @@ import pytest
 
 from protocol.codec import decode
 from protocol.messages import Done, Refusal
-from services.runtime.bus import Reply
+from services.runtime.bus import Reply, Request
 from services.runtime.clock import ManualClock
 from services.runtime.durable_loop import BATCH_MAX, NOT_DURABLE, DurableLoop, LoopSettings
 from services.runtime.journal import JournalFull, Shard
@@ -139,3 +139,53 @@ def test_what_needs_no_journal_is_answered_while_it_fails(failing: DurableLoop, 
     assert [reply and (reply.ok, reply.payload) for reply in replies] == [
         (True, b"well"), (False, NOT_DURABLE), (True, b"well"),
     ]  # fmt: skip
+
+
+def test_requests_go_before_what_gives_way_and_both_keep_their_order(loop: DurableLoop) -> None:
+    handled: list[object] = []
+    for number in range(3):
+        loop.enqueue_work(handled.append, f"work {number}")
+        loop.enqueue(handled.append, number)
+    assert loop.waiting == 6
+    loop.turn(0.0)
+    assert (handled, loop.waiting) == ([0, 1, 2, "work 0", "work 1", "work 2"], 0)
+
+
+def test_a_burst_of_work_and_timers_is_cut_where_its_time_is_over(
+    loop: DurableLoop, clock: ManualClock
+) -> None:
+    """Each piece takes 2 ms, one of each is done in turns, and after 5 ms none is begun."""
+    handled: list[str] = []
+
+    def work(name: str) -> None:
+        handled.append(name)
+        clock.advance(2 * MS)
+
+    for number in range(4):
+        loop.enqueue_work(work, f"work {number}")
+        loop.call_later(0, work, f"timer {number}")
+    loop.turn(0.0)
+    assert handled == ["work 0", "timer 0", "work 1", "timer 1"]
+    assert (loop.waiting, loop.wait_s(0.2)) == (2, 0.0)
+    loop.enqueue(work, "request")
+    loop.turn(0.0)
+    assert handled[4:] == ["request", "work 2", "timer 2", "work 3", "timer 3"]
+
+
+def test_a_slow_batch_of_requests_is_committed_before_the_rest_is_handled(
+    loop: DurableLoop, clock: ManualClock
+) -> None:
+    bus = MemoryBus(MemoryHub(clock, inline=True))
+    replies: list[Reply | None] = []
+
+    def slow(request: Request) -> None:
+        clock.advance(6 * MS)
+        loop.reply_durably(request, Done(ok=True))
+
+    bus.serve("*", loop.receiver(slow))
+    for name in ("ann", "bob", "eve"):
+        bus.ask(name, b"", replies.append, 60_000)
+    loop.turn(0.0)
+    assert len(replies) == 2
+    loop.turn(0.0)
+    assert [reply and reply.ok for reply in replies] == [True] * 3
