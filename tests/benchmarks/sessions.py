@@ -56,6 +56,7 @@ WARM_S = 3.0
 JOINS_PER_S = 500
 CREATING = 24
 """Creations under way at once: the learner lets 32 of one kind wait."""
+CREATED_WITHIN_S = 120.0
 HURRIED = 1_000
 TARGET_P99_MS = 50.0
 TARGET_BYTES = 10_240
@@ -167,6 +168,7 @@ def create(house: House, configs: list[CreateSession]) -> float:
         payload, reply = done.get()
         under_way -= 1
         if reply is None or not reply.ok:
+            assert time.perf_counter() - begun < CREATED_WITHIN_S, reply
             payloads.append(payload)
     return time.perf_counter() - begun
 
@@ -253,13 +255,17 @@ def _summed(counts: list[dict[str, int]]) -> dict[str, int]:
 
 
 def idle(sessions: int) -> dict[str, Any]:
-    """Return what sessions cost that nobody teaches, with fresh services, and one taught beside them."""
+    """Return what sessions cost that nobody teaches, with fresh services, and one taught beside them.
+
+    Two of so many are taught, one after the other: a learner takes 10,000 at most.
+    """
     hurried = WindowSpec(mode="until-answered", span_ms=WINDOW_MS)
     with house() as running, clients(running.deployed, 1) as teachers:
         create(running, [config("alone", 0, hurried), config("beside", 1, hurried)])
         alone = _hurry(teachers[0], "alone")
         before = {name: resident_bytes(running.pid(name)) for name in MEASURED}
-        configs = [config(f"idle{number}", number, hurried, teachers_min=0) for number in range(sessions)]
+        names = [f"idle{number}" for number in range(sessions - 2)]
+        configs = [config(name, number, hurried, teachers_min=0) for number, name in enumerate(names)]
         made_s = create(running, configs)
         _await(lambda: running.status().backlog == 0)
         after = {name: resident_bytes(running.pid(name)) for name in MEASURED}
@@ -329,9 +335,7 @@ def bars(result: dict[str, Any]) -> dict[str, str]:
         said[f"{beside['idle_sessions']} idle sessions, {TARGET_BYTES} bytes each at most"] = _met(
             beside["learner_bytes_a_session"] <= TARGET_BYTES
         )
-        said["all there after a restart"] = _met(
-            beside["sessions_after_restart"] == beside["idle_sessions"] + 2
-        )
+        said["all there after a restart"] = _met(beside["sessions_after_restart"] == beside["idle_sessions"])
     return said
 
 
