@@ -11,6 +11,7 @@ sfid/v1/<deployment>/learner/<verb>                              query   anybody
 sfid/v1/<deployment>/environment/<verb>                          query   learner -> environment
 sfid/v1/<deployment>/service/<role>/<name>                       token   service -> everybody
 sfid/v1/<deployment>/status/<role>/<name>                        query   operator, itself -> service
+sfid/router/<id>                                                 query   router -> router
 """
 
 import re
@@ -36,6 +37,11 @@ def checked(name: str, role: str) -> str:
         message = f"{role} name {name[:60]!r} is not allowed: {NAME_MEND}"
         raise KeyNameError(message)
     return name
+
+
+def router_key(zid: str = "*") -> str:
+    """Return where a router answers to the routers that it is linked with; outside every deployment."""
+    return f"sfid/router/{zid}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from typing import Any
 
-from protocol.keys import Keys
-from services.runtime.zenoh_config import router_key
+from protocol.keys import Keys, router_key
 from services.topology import Node, Role, rules_of, topology
 
 

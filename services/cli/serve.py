@@ -16,8 +16,8 @@ from services.cli.options import (
     RequireTokens,
     SupervisedFd,
     Verbose,
-    print_json,
 )
+from services.cli.router import router
 from services.cli.waiting import service_bus
 from services.runtime.process import ProcessConfig, ServiceProcess
 from services.topology import Role
@@ -42,71 +42,6 @@ def add_to(app: typer.Typer) -> None:
     app.command()(environment)
     app.command()(learner)
     app.command()(monitor)
-
-
-def router(  # noqa: PLR0917 - one argument a flag
-    listen: Annotated[
-        str,
-        typer.Option(help="Endpoint to listen at, tcp/HOST:PORT, or tls/HOST:PORT where others reach it."),
-    ] = ENDPOINT,
-    connect: Annotated[
-        list[str] | None,
-        typer.Option(help="Another router to link with, tls/HOST:PORT, now or once it is there; repeatable."),
-    ] = None,
-    edge: Annotated[
-        bool, typer.Option(help="Bring only teachers, workers and gateways to the routers linked with.")
-    ] = False,
-    access: Annotated[
-        Path | None,
-        typer.Option(
-            envvar="SFID_ACCESS",
-            help="Directory of the logins of all roles, made where there are none; default: one for you.",
-        ),
-    ] = None,
-    deployment: Annotated[
-        list[str] | None,
-        typer.Option(help="Deployment that it serves, with its crowd; may be repeated; default: local."),
-    ] = None,
-    config: Annotated[
-        bool,
-        typer.Option("--config", help="Start nothing: print the router's configuration, its rules with it."),
-    ] = False,
-    config_file: Annotated[
-        Path | None,
-        typer.Option(help="Start nothing: write the configuration, with its login, to this file for zenohd."),
-    ] = None,
-    insecure_bind: Annotated[
-        bool, typer.Option(help="Listen or link where other machines are, although nothing is encrypted.")
-    ] = False,
-    open_to_all: Annotated[
-        bool, typer.Option(help="Ask nobody for a login, and let everybody do anything.")
-    ] = False,
-    verbose: Verbose = False,
-    supervised_fd: SupervisedFd = None,
-) -> None:
-    """Run the router that all other processes connect to, and that lets each do what its role is for."""
-    from services.router import RouterConfig, run, written_config, zenohd_file
-    from services.router_links import Link
-    from services.runtime.machine_config import state_folder
-
-    names = tuple(checked(name, "deployment") for name in deployment or ("local",))
-    folder = None if open_to_all else access or state_folder() / "access"
-    settings = RouterConfig(
-        listen=listen,
-        connect=tuple(connect or ()),
-        link=Link.EDGE if edge else Link.ROUTER,
-        insecure_bind=insecure_bind,
-        access=folder,
-        deployments=names,
-    )
-    if config:
-        print_json(written_config(settings))
-    if config_file is not None:
-        zenohd_file(settings, config_file)
-    if config or config_file is not None:
-        return
-    process = ServiceProcess(ProcessConfig("router", supervised_fd, verbose))
-    run(settings, lambda: process.ready(listen), process.stop)
 
 
 def environment(

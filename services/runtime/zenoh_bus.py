@@ -12,6 +12,7 @@ from typing import Any, Protocol, TypeVar
 import zenoh
 from zenoh.handlers import Callback
 
+from protocol.keys import router_key
 from services.runtime.access import Access, Guard
 from services.runtime.bus import CALLBACK_FAILED, BusError, Presence, Received, Reply, Request
 from services.runtime.callback_guard import CallbackGuard
@@ -23,7 +24,6 @@ from services.runtime.zenoh_config import (
     LinkLimits,
     client_config,
     router_config,
-    router_key,
     split_endpoint,
 )
 

@@ -15,7 +15,6 @@ __all__ = [
     "client_config",
     "is_loopback",
     "router_config",
-    "router_key",
     "split_endpoint",
 ]
 
@@ -27,11 +26,6 @@ THREADS: Final = "(net: (handover: tx), acc: (handover: tx), app: (handover: tx)
 A message then wakes fewer of them on its way: measured, a quarter to a third less processor time for each
 acknowledged answer, in router, learner and teachers alike (`tests/benchmarks/label_latency.py`).
 """
-
-
-def router_key(zid: str = "*") -> str:
-    """Return where a router answers to routers, and to nobody else; outside every deployment's keys."""
-    return f"sfid/router/{zid}"
 
 
 @dataclass(frozen=True, slots=True)

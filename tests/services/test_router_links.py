@@ -7,13 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from protocol.keys import Keys
+from protocol.keys import Keys, router_key
 from services.router import RouterConfig, RouterError, free_endpoint, run
 from services.router_links import EDGE_ROLES, Link, LinkWatch, allow_links
 from services.runtime.bus import Presence, Received, Reply, Request
 from services.runtime.secret import SecretError
 from services.runtime.zenoh_bus import open_bus
-from services.runtime.zenoh_config import router_key
 from services.topology import access_control, topology
 from tests.contract.router_process import router_process
 from tests.services.faults_network.weather import Proxy
