@@ -2,7 +2,7 @@
 
 import pytest
 
-from protocol.keys import KeyNameError, Keys, checked
+from protocol.keys import KeyNameError, Keys, checked, router_key
 
 REFUSED = [
     "",
@@ -120,3 +120,9 @@ def test_without_names_a_key_matches_all_sessions_and_teachers() -> None:
 
 def test_two_deployments_share_no_key() -> None:
     assert Keys("lab-1").answer("s1", "ann") != Keys("lab-2").answer("s1", "ann")
+
+
+def test_routers_answer_each_other_outside_every_deployment() -> None:
+    assert router_key() == "sfid/router/*"
+    assert router_key("1f") == "sfid/router/1f"
+    assert not router_key().startswith("sfid/v1/")
