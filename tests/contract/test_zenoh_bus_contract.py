@@ -11,7 +11,7 @@ import pytest
 
 from services.router import free_endpoint
 from services.runtime.bus import BusError, Presence, Received, Reply, Request
-from services.runtime.zenoh_bus import ZenohBus, open_bus
+from services.runtime.zenoh_bus import USES_TO_KNOW, ZenohBus, open_bus
 from services.runtime.zenoh_config import LinkLimits
 from tests.contract.bus_contract import DEADLINE_S, LONG_MS, BusContract, World
 from tests.contract.router_process import router_process
@@ -47,6 +47,13 @@ class ZenohWorld(World):
     def close(self) -> None:
         for bus in self._buses:
             bus.close()
+
+
+def asked(asker: ZenohBus, key: str, payload: bytes) -> Reply | None:
+    """Ask once."""
+    answers: queue.SimpleQueue[Reply | None] = queue.SimpleQueue()
+    asker.ask(key, payload, answers.put, LONG_MS)
+    return answers.get(timeout=DEADLINE_S)
 
 
 def reach(asker: ZenohBus, key: str) -> Reply:
@@ -165,6 +172,31 @@ def test_a_restarted_router_finds_everything_declared_again() -> None:
             assert reach(two, "rpc") == Reply(b"here")
             two.publish("topic", b"heard")
             assert messages.get(timeout=DEADLINE_S) == Received("topic", b"heard")
+    finally:
+        one.close()
+        two.close()
+
+
+def test_what_is_said_often_is_heard_in_order_also_after_the_router_was_restarted() -> None:
+    """After some uses a key is declared, and goes as a number from then on."""
+    endpoint = free_endpoint()
+    messages: queue.SimpleQueue[Received] = queue.SimpleQueue()
+    said = [b"%d" % number for number in range(3 * USES_TO_KNOW)]
+    with router_process(endpoint):
+        one, two = open_bus(endpoint, OPEN_MS), open_bus(endpoint, OPEN_MS)
+        one.serve("rpc/*", lambda request: request.reply(request.key.encode() + request.payload))
+        one.subscribe("topic/*", messages.put)
+        assert reach(two, "rpc/b") == Reply(b"rpc/b")
+        for payload in said:
+            two.publish("topic/a", payload)
+            assert asked(two, "rpc/a", payload) == Reply(b"rpc/a" + payload)
+        heard = [messages.get(timeout=DEADLINE_S) for _ in said]
+        assert heard == [Received("topic/a", payload) for payload in said]
+    try:
+        with router_process(endpoint):
+            assert reach(two, "rpc/a") == Reply(b"rpc/a")
+            two.publish("topic/a", b"again")
+            assert messages.get(timeout=DEADLINE_S) == Received("topic/a", b"again")
     finally:
         one.close()
         two.close()
