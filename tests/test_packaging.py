@@ -1,4 +1,4 @@
-"""What is shipped: a wheel of three packages and nothing else, locks that hold, containers that are shut."""
+"""What is shipped: a wheel of three packages and nothing else, locks that hold."""
 
 import re
 import shutil
@@ -11,13 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
-from typer.main import get_command
-
-from services.cli.main import app
-from services.topology import Role
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = {"sfid_core", "protocol", "services"}
@@ -158,99 +153,3 @@ def test_every_pin_of_a_lock_is_exact_and_carries_hashes(lock: str) -> None:
 def test_a_lock_names_no_index(lock: str) -> None:
     text = (ROOT / lock).read_text(encoding="utf-8")
     assert re.findall(r".*(?://|index|find-links|trusted-host).*", text) == []
-
-
-# --- the containers ---
-
-
-def compose() -> dict[str, Any]:
-    document: dict[str, Any] = yaml.safe_load((ROOT / "compose.yaml").read_text(encoding="utf-8"))
-    return document
-
-
-@pytest.mark.parametrize("name", sorted(compose()["services"]))
-def test_a_container_runs_without_privileges_on_a_root_it_cannot_write(name: str) -> None:
-    service = compose()["services"][name]
-    kept = {
-        key: service.get(key)
-        for key in ["user", "read_only", "cap_drop", "security_opt", "privileged", "cap_add"]
-    }
-    assert kept == {
-        "user": "10001:10001",
-        "read_only": True,
-        "cap_drop": ["ALL"],
-        "security_opt": ["no-new-privileges:true"],
-        "privileged": None,
-        "cap_add": None,
-    }
-
-
-def test_only_pages_are_reachable_and_from_this_machine_only() -> None:
-    document = compose()
-    published = {
-        name: service["ports"] for name, service in document["services"].items() if "ports" in service
-    }
-    outside = {name for name, service in document["services"].items() if service["networks"] != ["bus"]}
-    assert list(published) == ["monitor", "gateway"]
-    ports = [port for name in published for port in published[name]]
-    assert [port for port in ports if not port.startswith("127.0.0.1:")] == []
-    assert document["networks"]["bus"] == {"internal": True}
-    assert outside == {"monitor", "gateway"}
-
-
-def test_only_the_learner_holds_the_journal_and_only_the_router_makes_logins() -> None:
-    services = compose()["services"]
-    logins = "access:/access:ro"
-    assert {name: service["volumes"] for name, service in services.items()} == {
-        "router": ["access:/access"],
-        "environment": [logins],
-        "learner": [logins, "journal:/data"],
-        "monitor": [logins, "recordings:/data"],
-        "gateway": [logins, "page:/data"],
-        "aggregator": [logins, "crowd:/data"],
-        "session": [logins],
-        "teacher": [logins],
-    }
-
-
-def test_every_container_runs_a_command_that_there_is_with_options_that_it_has() -> None:
-    top: Any = get_command(app)
-    wrong = []
-    for name, service in compose()["services"].items():
-        command, words = top, list(service["command"])
-        while hasattr(command, "commands"):
-            command = command.commands[words.pop(0)]
-        known = {option for parameter in command.params for option in parameter.opts}
-        given = {word.partition("=")[0] for word in words if word.startswith("--")}
-        wrong += [(name, option) for option in sorted(given - known)]
-    assert wrong == []
-
-
-def test_every_service_of_the_topology_has_its_container() -> None:
-    """Those who talk on the bus by themselves; people, operators and studies come and go."""
-    verbs = {service["command"][0] for service in compose()["services"].values()}
-    running = {role.value for role in Role} - {Role.OPERATOR.value, Role.STUDY.value, Role.WORKER.value}
-    spelt = {Role.AGGREGATOR.value: "aggregate", Role.TEACHER.value: "teach"}
-    assert {spelt.get(role, role) for role in running} <= verbs
-
-
-def test_the_images_start_sfid_itself_as_an_unprivileged_user() -> None:
-    lines = (ROOT / "Dockerfile").read_text(encoding="utf-8").splitlines()
-    assert [line for line in lines if line.startswith(("USER", "ENTRYPOINT"))] == [
-        "USER 10001:10001",
-        'ENTRYPOINT ["sfid"]',
-    ]
-
-
-def test_an_image_is_sent_nothing_but_what_it_is_built_from() -> None:
-    """Journals and virtual environments lie beside the sources; none of them may reach an image."""
-    lines = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
-    rules = [line for line in lines if line and not line.startswith("#")]
-    assert rules[0] == "*"
-    assert {rule.strip("!/") for rule in rules if rule.startswith("!")} == {
-        *PACKAGES,
-        "pyproject.toml",
-        "README.md",
-        "LICENSE",
-        "requirements-*.lock",
-    }

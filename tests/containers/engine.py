@@ -159,7 +159,14 @@ class Stack:
             *(self.engine.tool, "run", "--rm", "--name", f"{self.project}-{arguments[1]}"),
             *("--network", self.bus, "--volume", f"{self.project}_login-{role}:/access:ro"),
             *("--volume", f"{script}:/script.py:ro", "--entrypoint", "python"),
-            *("--env", "SFID_INSECURE_NETWORK=1", "--env", "RES_OPTIONS=timeout:1 attempts:1"),
+            *(
+                "--env",
+                "SFID_INSECURE_NETWORK=1",
+                "--env",
+                "RES_OPTIONS=no-tld-query timeout:1 attempts:2",
+                "--sysctl",
+                "net.ipv4.tcp_syn_retries=1",
+            ),
             *(self.variables["SFID_IMAGE"], "/script.py", *arguments),
         ]
 
