@@ -187,7 +187,7 @@ class Machines:
 
     def bus(self, role: Role, endpoint: str) -> ZenohBus:
         """Return a bus of that role, closed at the end."""
-        bus = open_bus(endpoint, 30_000, access=access_for(endpoint, role.value, self.access))
+        bus = open_bus(endpoint, 60_000, access=access_for(endpoint, role.value, self.access))
         self._stack.callback(bus.close)
         return bus
 
