@@ -4,6 +4,7 @@ import json
 import queue
 import shutil
 import stat
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from services.runtime.access import Access, Guard, access_for, certificates, mak
 from services.runtime.bus import BusError, Presence, Received, Reply, Request
 from services.runtime.zenoh_bus import ZenohBus, ZenohRouter, open_bus
 from services.topology import Role
-from tests.services.cli.command_line import sfid
+from tests.services.cli.command_line import sfid, wait_for
 from tests.services.linked import (
     DEADLINE_S,
     ask,
@@ -36,6 +37,8 @@ pytestmark = [
     pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl is not installed"),
 ]
 KEYS, CROWD = Keys("local"), Keys("local-crowd")
+ROUTES_S = 0.3
+"""Routes are computed 0.1 s after a link came; who is denied everything cannot see when."""
 CLIENTS = [role for role in Role if role is not Role.ROUTER]
 
 
@@ -98,6 +101,8 @@ def taken_over(lab: Place, link: str, certificate: str) -> Iterator[str]:
     guard = Guard(users, everything, certificates(lab.folder, certificate), read_access(lab.folder, link))
     router = ZenohRouter(endpoint, "it listens", guard=guard, connect=(lab.endpoint,))
     try:
+        wait_for("the link is there", lambda: bool(router.neighbours(100)))
+        threading.Event().wait(ROUTES_S)
         yield endpoint
     finally:
         router.close()
