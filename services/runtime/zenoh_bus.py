@@ -331,17 +331,23 @@ class ZenohRouter:
         connect: Sequence[str] = (),
     ) -> None:
         self._session = _open_session(router_config(listen, limits, guard, connect), lambda: refusal)
+        self._port = f":{split_endpoint(listen)[2]}"
         here = router_key(str(self._session.zid()))
         self._here = self._session.declare_queryable(here, _direct(_say_yes))
         atexit.register(self.close)
 
     def neighbours(self, timeout_ms: int) -> dict[str, bool]:
-        """Return the ids of linked routers, and whether each is found here; waits so long for each at most.
+        """Return the ids of routers it connected to, and whether each is found; waits so long for each.
 
         A link that breaks within 0.1 s of its coming leaves Zenoh's routers so that after its return, until
-        the next break, nothing that is declared at one is known at the other.
+        the next break, nothing that is declared at one is known at the other. Whoever connects to this one as
+        a router is left out: what they are found to be is in their hands.
         """
-        return {zid: self._finds(zid, timeout_ms) for zid in map(str, self._session.info.routers_zid())}
+        mine = {
+            str(link.zid) for link in self._session.info.links() if not str(link.src).endswith(self._port)
+        }
+        linked = [str(zid) for zid in self._session.info.routers_zid() if str(zid) in mine]
+        return {zid: self._finds(zid, timeout_ms) for zid in linked}
 
     def _finds(self, zid: str, timeout_ms: int) -> bool:
         replies = self._session.get(

@@ -12,9 +12,10 @@ from services.router import RouterConfig, RouterError, free_endpoint, run
 from services.router_links import EDGE_ROLES, Link, LinkWatch, allow_links
 from services.runtime.bus import Presence, Received, Reply, Request
 from services.runtime.secret import SecretError
-from services.runtime.zenoh_bus import open_bus
+from services.runtime.zenoh_bus import ZenohRouter, open_bus
 from services.topology import access_control, topology
 from tests.contract.router_process import router_process
+from tests.services.cli.command_line import wait_for
 from tests.services.faults_network.weather import Proxy
 from tests.services.linked import DEADLINE_S, ask, ask_until_served, routing
 
@@ -116,6 +117,22 @@ def test_a_link_over_which_nothing_is_found_is_made_anew_at_the_third_look_and_t
     assert not any(
         other.wants_anew(each) for each in ({"c": False}, {"c": False}, {}, {"c": False}, {"c": True})
     )
+
+
+@pytest.mark.real
+def test_a_router_watches_those_it_connected_to_and_not_who_connects_to_it() -> None:
+    ends = [free_endpoint() for _ in range(3)]
+    below = ZenohRouter(ends[0], "it listens")
+    middle = ZenohRouter(ends[1], "it listens", connect=(ends[0],))
+    above = ZenohRouter(ends[2], "it listens", connect=(ends[1],))
+    try:
+        wait_for("all are linked and found", lambda: [*above.neighbours(500).values()] == [True], DEADLINE_S)
+        wait_for("so is the first", lambda: [*middle.neighbours(500).values()] == [True], DEADLINE_S)
+        assert len({*middle.neighbours(500), *above.neighbours(500)}) == 2
+        assert below.neighbours(500) == {}
+    finally:
+        for router in (above, middle, below):
+            router.close()
 
 
 @pytest.mark.parametrize(

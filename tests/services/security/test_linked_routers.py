@@ -215,7 +215,7 @@ def test_who_has_no_routers_certificate_is_no_router(lab: Place, login: str, cer
     with taken_over(lab, login, certificate) as endpoint:
         assert harm_done(lab, endpoint, anybody) == set()
         lab.stack.close()
-        # And what others do goes on as before.
+        # It is none that another would wait for, and what others do goes on as before.
         learner = lab.bus(Role.LEARNER)
         learner.serve(KEYS.answer(), answering(b"saved"))
         assert ask_until_served(lab.bus(Role.TEACHER), KEYS.answer("s1", "ann")) == Reply(b"saved")
