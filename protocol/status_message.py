@@ -35,6 +35,8 @@ class ServiceStatus(Wire, frozen=True, kw_only=True, tag="service-status"):
     """Sessions it has, finished ones too."""
     running: Count = 0
     """Of these, those that are not finished."""
+    shards: Count = 0
+    """Of a learner: in how many shards the sessions of its deployment lie, each with a learner."""
     teachers: Count = 0
     """Who is present, over all sessions (at a gateway or an aggregator: people)."""
     labels: LabelTotals = NO_LABELS

@@ -34,6 +34,7 @@ class Standing:
         return {
             "backlog": learner.loop.waiting,
             "sessions": len(lives),
+            "shards": learner.config.shards,
             "running": sum(live.session.phase is not Phase.FINISHED for live in lives),
             "teachers": sum(len(live.session.teachers) for live in lives),
             "labels": total([label_totals(live.session.counts) for live in lives]),

@@ -75,11 +75,22 @@ class Board:
         """Return every service that is there, asked how it does, and the expected roles that are missing."""
         found = [ask(self._bus, *one) for one in self.names(quiet_s)]
         there = {one.role for one in found}
-        return found + [
+        return [*found, *shards_without_learner(found)] + [
             Found(self.deployments[0].deployment, role, USUAL_NAMES.get(role, "0"), None, "it is not there")
             for role in expected
             if role not in there
         ]
+
+
+def shards_without_learner(found: list[Found]) -> Iterable[Found]:
+    """Yield the shards whose sessions nobody has, as far as the learners that are there know of shards."""
+    learners = [one for one in found if one.role == "learner"]
+    there = {(one.deployment, one.name) for one in learners}
+    known = {one.deployment: one.status.shards for one in learners if one.status is not None}
+    for deployment, shards in known.items():
+        for name in (f"shard-{number}" for number in range(shards)):
+            if (deployment, name) not in there:
+                yield Found(deployment, "learner", name, None, "no learner has it: its sessions wait")
 
 
 def survey(bus: Bus, deployments: Iterable[Keys], expected: Iterable[str] = ()) -> list[Found]:

@@ -100,6 +100,12 @@ class School(Classroom):
     def latest(self, name: str) -> Decision:
         return next(decision for decision in reversed(self.decisions) if decision.session == name)
 
+    def asked_status(self, learner: Learner) -> bytes:
+        """Return what a learner says of itself."""
+        reply = self.asked(learner.standing.key, SessionQuery())
+        assert reply is not None
+        return reply.payload
+
     def listed(self) -> list[str]:
         heard: list[tuple[Reply, ...]] = []
         self.watcher.ask_all(KEYS.learner("list"), encode(SessionQuery()), heard.append, 60_000)

@@ -5,10 +5,13 @@ from pathlib import Path
 
 import pytest
 
+from protocol.codec import decode
+from protocol.status_message import ServiceStatus
 from services.learner.ownership import agree_on_shards, shard_of
 from services.operations.backup import backup
 from services.operations.data_checks import data_checks
 from services.operations.forget import forget
+from services.operations.status import Found, shards_without_learner
 from services.replay import replay_directory
 from services.runtime.clock import SystemClock
 from services.runtime.journal import JournalError, Shard, read_rows, verify
@@ -93,6 +96,22 @@ def test_sessions_named_after_a_person_keep_different_names_over_the_shards(tmp_
         ("erased-1-1",),
         ("erased-2-1",),
     ]
+
+
+def test_the_status_names_a_shard_that_has_no_learner(tmp_path: Path) -> None:
+    school = School(tmp_path / "data")
+    for learner in school.learners.values():
+        assert decode(school.asked_status(learner), ServiceStatus).shards == SHARDS
+    school.stop_shard(1)
+    told = [
+        Found("local", "learner", f"shard-{number}", decode(school.asked_status(learner), ServiceStatus))
+        for number, learner in sorted(school.learners.items())
+    ]
+    missing = list(shards_without_learner(told))
+    assert missing == [
+        Found("local", "learner", "shard-1", None, "no learner has it: its sessions wait"),
+    ]
+    assert list(shards_without_learner([])) == []
 
 
 def sessions_of(data: Path, shard: int) -> tuple[str, ...]:
