@@ -40,7 +40,8 @@ def learner(hub: MemoryHub, reply: Reply | None, verb: str = "list") -> None:
 def asked(hub: MemoryHub, verb: str = "list") -> Reply | None:
     heard: list[Reply | None] = []
     MemoryBus(hub).ask(CROWD.learner(verb), encode(SessionQuery()), heard.append, 1_000)
-    hub.deliver_all()
+    while hub.deliver_all():
+        pass
     assert len(heard) == 1
     return heard[0]
 
