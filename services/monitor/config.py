@@ -46,6 +46,9 @@ class MonitorConfig:
     sessions_max: int = 16
     """Sessions shown at a time; the one that has been quiet longest gives way, its recording well ended."""
 
+    gives_way_s: float = 30.0
+    """How long it must have been quiet: sessions that took turns would all be shown in shreds."""
+
 
 @dataclass(frozen=True, slots=True)
 class Addresses:

@@ -7,7 +7,6 @@ is in the recording, and comes back from the learner when the monitor starts ane
 
 import logging
 import threading
-from collections import deque
 
 import rerun as rr
 import rerun_bindings
@@ -16,6 +15,7 @@ from services.monitor.blueprint import blueprint
 from services.monitor.config import LOOPBACK, Addresses, MonitorError, free_port, port_error
 from services.monitor.guard import Guard
 from services.monitor.rows import Picture, Row, Rows
+from services.monitor.waiting_rows import WaitingRows
 from services.monitor.writer import APPLICATION, Writer, stream
 
 SCENE_TICK_S = 0.1
@@ -24,7 +24,6 @@ SCENE_HISTORY = "32MB"
 CURVES_HISTORY = "96MB"
 START_TIMEOUT_S = 5.0
 CLOSE_TIMEOUT_S = 1.0
-ROWS_WAITING_MAX = 1024
 
 _LOG = logging.getLogger(__name__)
 
@@ -37,11 +36,8 @@ class Live:
     """
 
     def __init__(self, addresses: Addresses) -> None:
-        self.dropped = 0
         self._addresses = addresses
-        self._rows: deque[tuple[str, Row | None]] = deque()
-        self._wake = threading.Condition()
-        self._closing = False
+        self._rows = WaitingRows()
         self._sessions: dict[str, _LiveSession] = {}
         self._blueprint_sent = False
         inner = _inner_ports(addresses)
@@ -65,49 +61,35 @@ class Live:
             self._curves_host.disconnect()
             raise port_error("scene_port, curves_port", addresses.scene_port) from None
 
+    @property
+    def dropped(self) -> int:
+        """Rows that viewers were too slow for."""
+        return self._rows.dropped
+
     def show(self, recording_id: str, rows: Rows) -> None:
         """Queue rows for the viewers; never waits."""
-        with self._wake:
-            for row in (*rows.scene, *rows.curves):
-                self._queue(recording_id, row)
-            self._wake.notify()
+        self._rows.put(recording_id, *rows.scene, *rows.curves)
 
     def forget(self, recording_id: str) -> None:
         """Close a session's streams once its queued rows are through; viewers keep what they have."""
-        with self._wake:
-            self._queue(recording_id, None)
-            self._wake.notify()
+        self._rows.put(recording_id, None)
 
     def close(self, timeout_s: float) -> bool:
         """Send what is queued and close; False when that did not end in time, because a viewer hangs."""
-        with self._wake:
-            self._closing = True
-            self._wake.notify()
+        self._rows.close()
         self._thread.join(timeout_s)
         self._guard.close()
         return not self._thread.is_alive()
 
-    def _queue(self, recording_id: str, row: Row | None) -> None:
-        if len(self._rows) >= ROWS_WAITING_MAX:
-            self._rows.popleft()
-            self.dropped += 1
-        self._rows.append((recording_id, row))
-
     def _run(self) -> None:
         try:
-            while (item := self._next()) is not None:
+            while (item := self._rows.take()) is not None:
                 self._write(*item)
         finally:
             for session in self._sessions.values():
                 session.close()
             self._scene_host.disconnect()
             self._curves_host.disconnect()
-
-    def _next(self) -> tuple[str, Row | None] | None:
-        with self._wake:
-            while not self._rows and not self._closing:
-                self._wake.wait()
-            return self._rows.popleft() if self._rows else None
 
     def _write(self, recording_id: str, row: Row | None) -> None:
         if row is None:

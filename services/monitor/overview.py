@@ -20,6 +20,7 @@ PERIOD_S = 2.0
 """Seconds between two pictures, times the sessions that are watched."""
 SHOWN_MAX = 16
 CARD_HEIGHT, CARD_WIDTH, GAP = 136, 276, 8
+LINE_HEIGHT = 16
 BOARD_SIDE = 84
 NAMES_MAX = 3
 UNANSWERED_S = 60.0
@@ -98,17 +99,24 @@ def _span(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
 
 
-def draw_overview(glances: Sequence[Glance], moment: Moment) -> Picture:
-    """Return the cards of the sessions, those that need somebody first."""
+def draw_overview(glances: Sequence[Glance], moment: Moment, unshown: int = 0) -> Picture:
+    """Return the cards of the sessions, those that need somebody first.
+
+    Args: unshown: how many more go on that are not watched, which a line below says.
+    """
     ordered = sorted(glances, key=lambda each: (not each.stuck, each.state == "finished", each.session))
     shown = ordered[:SHOWN_MAX]
     columns = 1 if len(shown) == 1 else 2 if len(shown) <= 4 else 3 if len(shown) <= 9 else 4
     rows = -(-len(shown) // columns)
-    canvas = np.zeros((rows * (CARD_HEIGHT + GAP) + GAP, columns * (CARD_WIDTH + GAP) + GAP), np.uint8)
+    below = LINE_HEIGHT if unshown else 0
+    height, width = rows * (CARD_HEIGHT + GAP) + GAP, columns * (CARD_WIDTH + GAP) + GAP
+    canvas = np.zeros((height + below, width), np.uint8)
     for number, each in enumerate(shown):
         top = GAP + number // columns * (CARD_HEIGHT + GAP)
         left = GAP + number % columns * (CARD_WIDTH + GAP)
         _draw_card(canvas[top : top + CARD_HEIGHT, left : left + CARD_WIDTH], each)
+    if unshown:
+        font.write(canvas, f"and {unshown} more that are not shown", (height, GAP), _BASE + MUTED)
     return Picture(ENTITY, moment, encode_palette_png(canvas, _PALETTE))
 
 

@@ -38,6 +38,8 @@ LAST_ROUNDS = 8
 """Rounds after the stop at least: an answer that has just come may lead to one more question."""
 LAST_S = 2.0
 """For how long the rest is worked off after the stop; what waits then is counted as dropped."""
+UNSHOWN_S = 60.0
+"""For how long a session that is not shown counts as going on after its last message."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -78,6 +80,8 @@ class Worker:
         self._live = live
         self._clock = clock
         self._watched: dict[str, _Watched] = {}
+        self._unshown: dict[str, float] = {}
+        """Sessions that are heard but not shown, for want of room: when each was heard last, in s."""
         self._overview_due_s = 0.0
         self._desk = StatusDesk("monitor", "0", clock, self._facts)
 
@@ -155,11 +159,16 @@ class Worker:
             return
         self._overview_due_s = now_s + PERIOD_S * active
         glances = [glance(name, each.view, now_s) for name, each in sorted(self._watched.items())]
+        self._unshown = {name: at_s for name, at_s in self._unshown.items() if now_s - at_s < UNSHOWN_S}
         for watched in self._watched.values():
-            picture = draw_overview(glances, watched.view.chronicle.moment)
+            picture = draw_overview(glances, watched.view.chronicle.moment, len(self._unshown))
             self._live.show(watched.recording_id, Rows(curves=[picture]))
 
     def _take_message(self, received: Received) -> None:
+        session = self._session_of(received.key)
+        if session not in self._watched and not self._has_room():
+            self._leave_out(session)
+            return
         try:
             message = _decoded(received)
         except DecodeError as error:
@@ -201,8 +210,7 @@ class Worker:
             _LOG.warning(
                 "a message on %s cannot be read and is skipped, as all like it: %s", printable(key), detail
             )
-        session = key.removeprefix(f"{self._keys.root}/session/").split("/")[0]
-        if (watched := self._watched.get(session)) is not None:
+        if (watched := self._watched.get(self._session_of(key))) is not None:
             watched.view.chronicle.note(f"a message cannot be read and is skipped: {detail}", level="WARN")
 
     def _take_list(self, listed: Listed) -> None:
@@ -212,7 +220,7 @@ class Worker:
             self._count_malformed(self._keys.learner("list"), str(error))
             return
         for summary in _worth_watching(sessions)[-self._config.sessions_max :]:
-            if summary.session not in self._watched:
+            if summary.session not in self._watched and self._has_room():
                 self._watch(summary.session)
 
     def _take_report(self, shown: Shown) -> None:
@@ -248,10 +256,27 @@ class Worker:
             ASK_TIMEOUT_MS,
         )
 
+    def _session_of(self, key: str) -> str:
+        return key.removeprefix(f"{self._keys.root}/session/").split("/")[0]
+
+    def _has_room(self) -> bool:
+        """Tell whether one more session can be shown, if need be in the place of one that is quiet."""
+        if len(self._watched) < self._config.sessions_max:
+            return True
+        quietest_s = min(watched.heard_s for watched in self._watched.values())
+        return self._now_s() - quietest_s >= self._config.gives_way_s
+
+    def _leave_out(self, session: str) -> None:
+        if not self._unshown:
+            text = "more sessions go on than the %d that are shown: `sfid monitor --session NAME` shows one"
+            _LOG.warning(text, self._config.sessions_max)
+        self._unshown[session] = self._now_s()
+
     def _watch(self, session: str) -> _Watched:
         """Begin to show a session, in the place of the quietest when there are too many."""
         if len(self._watched) >= self._config.sessions_max:
             self._unwatch(min(self._watched, key=lambda name: self._watched[name].heard_s))
+        self._unshown.pop(session, None)
         now_s = self._now_s()
         recording_id = f"{self._config.deployment}-{session}"
         view = SessionView(now_s, past=True)

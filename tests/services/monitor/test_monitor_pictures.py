@@ -120,7 +120,7 @@ def test_a_name_covers_neither_the_agent_nor_an_arrow(action: str) -> None:
     written = name.origin[1] + 0.35 * tiles.TILE
     upper, lower = written - 0.25 * tiles.TILE, written + 0.25 * tiles.TILE
     row = read_view(VIEW).player // read_view(VIEW).level.width
-    covered = [(row * tiles.TILE, (row + 1) * tiles.TILE)]
+    covered = [(1.0 * row * tiles.TILE, 1.0 * (row + 1) * tiles.TILE)]
     for arrow in arrows:
         ends = (arrow.origin[1], arrow.origin[1] + arrow.vector[1])
         covered.append((min(ends) - arrow.width / 2, max(ends) + arrow.width / 2))

@@ -214,12 +214,25 @@ def test_only_the_configured_session_is_recorded(tmp_path: Path) -> None:
 
 
 def test_more_sessions_than_fit_end_the_quietest_recording_well(tmp_path: Path) -> None:
-    monitor = Running(MonitorConfig(recording_dir=tmp_path, viewer=False, sessions_max=2))
+    monitor = Running(MonitorConfig(recording_dir=tmp_path, viewer=False, sessions_max=2, gives_way_s=0.0))
     for session in ("a", "b", "c"):
         monitor.publish(*Lesson(session=session, room=SOLUTION_ROOM, episodes=1).messages())
     monitor.stop()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.rrd", "b.rrd", "c.rrd"]
     assert all(verified(path) for path in tmp_path.iterdir())
+
+
+def test_a_session_that_goes_on_gives_its_place_to_no_other(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    monitor = Running(MonitorConfig(recording_dir=tmp_path, viewer=False, sessions_max=2))
+    lessons = [tuple(Lesson(session=name, room=SOLUTION_ROOM, episodes=1).messages()) for name in "abcd"]
+    for together in zip(*lessons, strict=True):
+        monitor.publish(*together)
+    monitor.stop()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.rrd", "b.rrd"]
+    assert all(series(path, "curves/steps") for path in tmp_path.iterdir())
+    assert caplog.text.count("more sessions go on than the 2 that are shown") == 1
 
 
 class Learner:

@@ -117,7 +117,10 @@ def test_all_sessions_are_cards_in_one_picture_who_needs_somebody_first() -> Non
     cards = [glance(name, view, 11.0) for name, view in views.items()]
     alone, palette = decoded(draw_overview(cards[:1], Moment(3)).png)
     both, _ = decoded(draw_overview(cards, Moment(3)).png)
+    crowded, _ = decoded(draw_overview(cards, Moment(3), unshown=284).png)
     assert both.shape[1] > alone.shape[1]
+    assert np.array_equal(crowded[: both.shape[0]], both)
+    assert crowded[both.shape[0] :].any(), "a line says how many are not shown"
     assert len(palette) <= 256
     first = palette[both[20, 9]]
     assert np.array_equal(first, (255, 92, 84))
