@@ -317,10 +317,7 @@ def _said(reply: zenoh.Reply) -> Reply | None:
 
 
 class ZenohRouter:
-    """A router session that listens at one endpoint; BusError with `refusal` when it cannot.
-
-    Args: connect: endpoints of other routers, which may come later, go, and come again.
-    """
+    """A router that listens at one endpoint, or BusError with `refusal`, and links with others as they come."""
 
     def __init__(
         self,
@@ -343,16 +340,12 @@ class ZenohRouter:
         the next break, nothing that is declared at one is known at the other. Whoever connects to this one as
         a router is left out: what they are found to be is in their hands.
         """
-        mine = {
-            str(link.zid) for link in self._session.info.links() if not str(link.src).endswith(self._port)
-        }
-        linked = [str(zid) for zid in self._session.info.routers_zid() if str(zid) in mine]
-        return {zid: self._finds(zid, timeout_ms) for zid in linked}
+        info = self._session.info
+        mine = {str(link.zid) for link in info.links() if not str(link.src).endswith(self._port)}
+        return {zid: self._finds(zid, timeout_ms) for zid in mine.intersection(map(str, info.routers_zid()))}
 
     def _finds(self, zid: str, timeout_ms: int) -> bool:
-        replies = self._session.get(
-            router_key(zid), timeout=timeout_ms / 1000, allowed_destination=zenoh.Locality.REMOTE
-        )
+        replies = self._session.get(router_key(zid), timeout=timeout_ms / 1000)
         return any(reply.ok is not None for reply in replies)
 
     def close(self) -> None:
