@@ -317,7 +317,7 @@ def _said(reply: zenoh.Reply) -> Reply | None:
 
 
 class ZenohRouter:
-    """A router that listens at one endpoint, or BusError with `refusal`, and links with others as they come."""
+    """A router at one endpoint, or BusError with `refusal`; it links with others as they come."""
 
     def __init__(
         self,
