@@ -11,7 +11,8 @@ import pytest
 
 from services.router import free_endpoint
 from services.runtime.bus import BusError, Presence, Received, Reply, Request
-from services.runtime.zenoh_bus import USES_TO_KNOW, ZenohBus, open_bus
+from services.runtime.known_keys import USES_TO_KNOW
+from services.runtime.zenoh_bus import ZenohBus, open_bus
 from services.runtime.zenoh_config import LinkLimits
 from tests.contract.bus_contract import DEADLINE_S, LONG_MS, BusContract, World
 from tests.contract.router_process import router_process
