@@ -12,7 +12,7 @@ from protocol.keys import Keys
 from protocol.messages import Join, Refusal, Welcome
 from services.environment import Environment
 from services.learner.config import LearnerConfig
-from services.learner.ownership import shard_of
+from services.learner.ownership import agree_on_shards, shard_of
 from services.learner.pool import Pool
 from services.operator import Operator
 from services.runtime.bus import Reply, Request
@@ -188,6 +188,15 @@ def test_a_fenced_learner_gives_up_that_shard_alone_and_stands_by_for_it(buildin
     slow.end()
     assert [row.kind for row in read_rows(building.data_dir, mine)].count("joined") == 1
     assert verify(building.data_dir).problems == ()
+
+
+def test_a_shard_that_is_locked_is_left_alone_though_nobody_has_announced_it(building: Building) -> None:
+    agree_on_shards(building.data_dir, SHARDS)
+    with Shard.open(building.data_dir, 1):  # as a process that is stopped, and may wake up at any moment
+        process = building.start(1)
+        assert process.ready.wait(10)
+        wait_for("it has the others", lambda: process.holds == {0, 2})
+    wait_for("it has all", lambda: process.holds == {0, 1, 2})
 
 
 def test_the_shards_of_a_learner_that_is_cut_off_go_on_where_there_is_a_router(building: Building) -> None:
