@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 ROOT = Path(__file__).parents[2]
 BASE = "docker.io/library/python:3.11-slim"
 COMMAND_MAX_S = 60.0
@@ -78,7 +80,7 @@ class Engine:
 
 def found_engine() -> Engine | str:
     """Return the engine of this machine, or in one line why there is none that could run the stack."""
-    lacks = "no podman or docker here"
+    lacks = "no podman or docker here: `tests/containers/prepare` installs one on Debian"
     for tool, composes in (
         ("podman", (("podman-compose",), ("podman", "compose"))),
         ("docker", (("docker", "compose"),)),
@@ -147,36 +149,34 @@ class Stack:
 
     def operator(self, *words: str) -> str:
         """Run a command of the operator's, as `compose run --rm operator` does; return what it prints."""
-        return self.tool(
-            *("run", "--rm", "--network", self.bus, "--volume", f"{self.project}_login-operator:/access:ro"),
-            *("--env", "SFID_INSECURE_NETWORK=1", "--env", "SFID_ACCESS=/access"),
-            *("--env", "SFID_CONNECT=tcp/router:7447", self.variables["SFID_IMAGE"], *words),
-        )
+        return self.tool("run", "--rm", *self._as("operator"), self.variables["SFID_IMAGE"], *words)
 
-    def teacher(self, role: str, script: Path, *arguments: str) -> list[str]:
-        """Return the command of a container that runs a Python script of the test among the services."""
+    def teacher(self, service: str, script: Path, *arguments: str) -> list[str]:
+        """Return the command of a container as a service's, which runs a Python script instead."""
         return [
             *(self.engine.tool, "run", "--rm", "--name", f"{self.project}-{arguments[1]}"),
-            *("--network", self.bus, "--volume", f"{self.project}_login-{role}:/access:ro"),
-            *("--volume", f"{script}:/script.py:ro", "--entrypoint", "python"),
-            *(
-                "--env",
-                "SFID_INSECURE_NETWORK=1",
-                "--env",
-                "RES_OPTIONS=no-tld-query timeout:1 attempts:2",
-                "--sysctl",
-                "net.ipv4.tcp_syn_retries=1",
-            ),
+            *(*self._as(service), "--volume", f"{script}:/script.py:ro", "--entrypoint", "python"),
             *(self.variables["SFID_IMAGE"], "/script.py", *arguments),
         ]
+
+    def _as(self, service: str) -> list[str]:
+        """Return the options of a container that is like a service of compose.yaml."""
+        like = yaml.safe_load((ROOT / "compose.yaml").read_text(encoding="utf-8"))["services"][service]
+        options = [("--network", self.bus), ("--user", like["user"]), ("--read-only",), ("--tmpfs", "/tmp")]  # noqa: S108
+        options += [("--volume", f"{self.project}_{volume}") for volume in like["volumes"]]
+        options += [("--env", f"{name}={value}") for name, value in like["environment"].items()]
+        options += [("--sysctl", value) for value in like["sysctls"]]
+        options += [("--cap-drop", value) for value in like["cap_drop"]]
+        options += [("--security-opt", value) for value in like["security_opt"]]
+        return [word for option in options for word in option]
 
     def down(self) -> None:
         """Take away every container, network and volume of the project, whatever state it is in."""
         label = f"label=com.docker.compose.project={self.project}"
         ours = self.tool("ps", "--all", "--quiet", "--filter", label).split()
         ours += self.tool("ps", "--all", "--quiet", "--filter", f"name={self.project}").split()
-        for words in (["rm", "--force", *dict.fromkeys(ours)],) if ours else ():
-            self.tool(*words)
+        if ours:
+            self.tool("rm", "--force", *dict.fromkeys(ours))
         if self.engine.tool == "podman":
             succeeds("podman", "pod", "rm", "--force", f"pod_{self.project}")
         for kind in ("network", "volume"):

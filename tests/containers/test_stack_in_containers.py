@@ -50,9 +50,9 @@ FAULTS: tuple[tuple[Callable[[Stack, str], Callable[[], None]], float], ...] = (
 """Each with how long it lasts, in s: a pause and a cut last longer than the silence a router puts up with."""
 PACE_S = 0.05
 FEW = 5
-BACK_S = 30.0
-UP_S = 120.0
-ALL_S = 400.0
+BACK_S = 60.0
+UP_S = 180.0
+ALL_S = 600.0
 LESSONS = {"bus-lesson": BUS, "crowd-lesson": CROWD, "page-lesson": PAGE}
 CROWD_DATA = "/data/crowd-crowd"
 INVITE = ("sfid", "invite", "--data", "/data", "--session", "page-lesson", "--name", "cleo", "--json")
@@ -136,9 +136,9 @@ def port() -> str:
 
 
 @contextmanager
-def counted(stack: Stack, tally: Tally, role: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+def counted(stack: Stack, tally: Tally, service: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Run a teacher in a container of its own; its lines are counted as they come."""
-    command = stack.teacher(role, SCRIPT, *arguments, str(int(PACE_S * 1000)))
+    command = stack.teacher(service, SCRIPT, *arguments, str(int(PACE_S * 1000)))
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         lines = process.stdout
@@ -169,7 +169,7 @@ def everybody_teaches(stack: Stack, ends: ExitStack) -> Lesson:
     lesson = Lesson(stack, tallies, time.monotonic())
     bus, crowd, page = tallies
     ends.enter_context(counted(stack, bus, "teacher", "bus-lesson", "ann", "local"))
-    ends.enter_context(counted(stack, crowd, "worker", "crowd-lesson", "bob", "local-crowd"))
+    ends.enter_context(counted(stack, crowd, "crowd", "crowd-lesson", "bob", "local-crowd"))
     invited = stack.exec("gateway", *INVITE)
     url, _, token = json.loads(invited)["url"].partition("/#t=")
     teacher = PageTeacher(url, token, page, PACE_S * 2)
