@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-from protocol.codec import DecodeError, decode, unpack
+from protocol.codec import DecodeError, decode, encode, unpack
 from protocol.messages import Acknowledgement, Answer, Episode, SessionReport, Step, Wire
 from protocol.world_messages import ExecuteAction, Executed
 from services.simulate.nodes import KEYS
@@ -49,6 +49,8 @@ class Told:
 
     payload: bytes
     reply: Acknowledgement
+    content: bytes
+    """The payload without a token, which is no part of what was said: a damaged one may read as one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +141,7 @@ def _reply(evidence: Evidence, key: str, asked: bytes, payload: bytes) -> None:
         told = _read(payload, Acknowledgement)
         if told is not None:
             ours = evidence.told if key.startswith(f"{KEYS.root}/") else evidence.crowd_told
-            ours.append(Told(asked, told))
+            ours.append(Told(asked, told, _content(asked)))
     elif key.endswith("/execute"):
         request, done = _read(asked, ExecuteAction), _read(payload, Executed)
         if request is not None and done is not None:
@@ -149,6 +151,14 @@ def _reply(evidence: Evidence, key: str, asked: bytes, payload: bytes) -> None:
         report = _read(payload, SessionReport)
         if report is not None:
             evidence.reports.append(report)
+
+
+def _content(payload: bytes) -> bytes:
+    answer = _read(payload, Answer)
+    if answer is None or answer.token is None:
+        return payload
+    fields = {name: getattr(answer, name) for name in answer.__struct_fields__}
+    return encode(Answer(**fields | {"token": None}))
 
 
 def _rows_in(directory: Path) -> list[Row]:

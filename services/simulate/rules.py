@@ -25,7 +25,7 @@ def r1_acknowledged_is_kept(evidence: Evidence) -> Iterator[str]:
             yield f"answer {name}: acknowledged with the check of another content"
         if len(found) != 1:
             yield f"answer {name}: acknowledged as {reply.code}, and {len(found)} times in the journal"
-        elif reply.code != "conflict" and found[0].payload != told.payload:
+        elif reply.code != "conflict" and found[0].payload != told.content:
             yield f"answer {name}: acknowledged as {reply.code}, but another content is in the journal"
         elif found[0].seq != reply.journal_seq:
             yield f"answer {name}: acknowledged as row {reply.journal_seq}, is row {found[0].seq}"
@@ -47,7 +47,7 @@ def _crowd_is_kept(evidence: Evidence) -> Iterator[str]:
             yield f"worker's answer {name}: acknowledged, and {ids[reply.answer_id]} times in the journal"
         elif row is None or row.answer_id != reply.answer_id:
             yield f"worker's answer {name}: acknowledged as row {reply.journal_seq}, which is another"
-        elif (told.payload in row.body) is (reply.code == "conflict"):
+        elif (told.content in row.body) is (reply.code == "conflict"):
             yield f"worker's answer {name}: acknowledged as {reply.code}, which its row does not bear out"
 
 
@@ -59,7 +59,7 @@ def r2_same_id_same_acknowledgement(evidence: Evidence) -> Iterator[str]:
         row = kept.get(reply.answer_id)
         if row is None:
             continue
-        expected = row.code if row.payload == told.payload else "conflict"
+        expected = row.code if row.payload == told.content else "conflict"
         if reply.code != expected:
             yield f"answer {name}: told {reply.code} instead of {expected}"
 

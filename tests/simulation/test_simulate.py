@@ -4,21 +4,31 @@ import json
 import os
 import subprocess
 import sys
+from hashlib import blake2b
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
+import msgspec
 import pytest
 
+from protocol.codec import decode, encode
+from protocol.messages import Acknowledgement, Answer
 from services.simulate.campaign import SLACK, calm, campaign, judge
 from services.simulate.disk import Fate
-from services.simulate.evidence import gather
+from services.simulate.evidence import Evidence, Kept, Told, gather
 from services.simulate.model import Table, moved, opinion, verdict
+from services.simulate.rules import r1_acknowledged_is_kept, r2_same_id_same_acknowledgement
 from services.simulate.scenario import LESSONS, Lesson, What, lesson, scenario, undisturbed
-from services.simulate.stage import Stage
+from services.simulate.stage import History, Stage
 from services.simulate.trace import line
 from tests.simulation.planted import BUGS, plant
 
 SEED = 5
+ANSWER: dict[str, Any] = {
+    "answer_id": bytes(16), "session": "s1", "teacher": "bob", "epoch": 1, "decision": 1, "episode": 0,
+    "step": 1, "state": bytes(16), "kind": "label", "action": "LEFT", "response_ms": 0,
+}  # fmt: skip
 
 
 def sfid(*arguments: str, where: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -148,6 +158,22 @@ def test_the_model_learns_a_case_computed_by_hand() -> None:
 def test_an_operator_who_is_refused_waits_and_a_disk_that_fails_is_outlived() -> None:
     """Two seeds whose operator once asked again at once, until the run was cut off as endless."""
     assert [judge(seed).failures for seed in (21_080, 21_882)] == [(), ()]
+
+
+def test_a_damaged_answer_that_reads_as_the_same_with_a_token_is_the_same_answer() -> None:
+    """Of seed 342 a frame was cut before its last byte, and three random bytes behind it were a text."""
+    assert judge(342, 200).failures == ()
+    plain, broken = Answer(**ANSWER), encode(Answer(**ANSWER))[:-1] + b"\xa2ie"
+    assert msgspec.structs.replace(decode(broken, Answer), token=None) == plain
+    told = Acknowledgement(
+        answer_id=plain.answer_id, code="accepted", reason="", epoch=1, journal_seq=1,
+        check=blake2b(broken, digest_size=8).digest(),
+    )  # fmt: skip
+    evidence = Evidence(History(scenario(SEED)), kept=[Kept(1, "accepted", encode(plain), plain)])
+    for content, failures in ((encode(plain), 0), (b"another", 2)):
+        evidence.told = [Told(broken, told, content)]
+        found = [*r1_acknowledged_is_kept(evidence), *r2_same_id_same_acknowledgement(evidence)]
+        assert len(found) == failures
 
 
 def test_a_long_lesson_meets_at_least_twenty_trials_and_one_teacher_leaves_at_most() -> None:
