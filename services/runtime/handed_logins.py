@@ -19,7 +19,8 @@ def hand_out(folder: Path, roles: Iterable[str]) -> None:
             if copy.parent.is_dir():
                 _write(copy, (folder / name).read_bytes())
         except OSError as error:
-            message = f"{copy}: {error.strerror or error}: let the router write there, or remove {copy.parent}"
+            reason = error.strerror or error
+            message = f"{copy}: {reason}: let the router write there, or remove {copy.parent}"
             raise SecretError(message) from None
 
 

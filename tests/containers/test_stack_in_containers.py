@@ -45,11 +45,11 @@ UNTOUCHED: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Who is taught as before while a service is not there."""
 FAULTS: tuple[tuple[Callable[[Stack, str], Callable[[], None]], float], ...] = (
-    (stop, 1.0), (kill, 0.0), (pause, 3.0), (disconnect, 3.0),
+    (stop, 1.0), (kill, 0.0), (pause, 2.8), (disconnect, 2.8),
 )  # fmt: skip
 """Each with how long it lasts, in s: a pause and a cut last longer than the silence a router puts up with."""
 PACE_S = 0.05
-FEW = 5
+FEW = 3
 BACK_S = 60.0
 UP_S = 180.0
 ALL_S = 600.0
