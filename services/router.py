@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
-from services.router_links import ANSWER_MS, CHECK_S, Link, LinkWatch, allow_links
+from services.router_links import ANSWER_MS, CHECK_S, Link, LinkLog, LinkWatch, allow_links
 from services.runtime.access import Guard, certificates, make_access, note_router, read_access
 from services.runtime.bus import BusError
 from services.runtime.endpoint import DEFAULT_ENDPOINT, is_loopback, reached_at, split_endpoint
@@ -63,9 +63,12 @@ def run(config: RouterConfig, ready: Callable[[], None], stop: threading.Event) 
     try:
         _leave_word(config, config.access)
         ready()
-        watch = LinkWatch()
+        watch, links = LinkWatch(), LinkLog(config.connect)
         while not stop.wait(CHECK_S if config.connect else None):
-            if watch.wants_anew(router.neighbours(ANSWER_MS)):
+            neighbours = router.neighbours(ANSWER_MS)
+            if line := links.line(neighbours):
+                log.log(logging.INFO if neighbours else logging.WARNING, line)
+            if watch.wants_anew(neighbours):
                 log.warning("a link carries nothing: this router starts anew, its clients come back")
                 router.close()
                 router = _opened(config, guard)

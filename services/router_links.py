@@ -50,6 +50,41 @@ class LinkWatch:
         return bool(overdue)
 
 
+class LinkLog:
+    """What is said of the links of a router that connects to others: each change once.
+
+    Args: endpoints: those that it connects to.
+    """
+
+    def __init__(self, endpoints: Sequence[str]) -> None:
+        self._names, self._wanted = ", ".join(endpoints), len(endpoints)
+        self._said: str | None = None
+        self._ever = False
+        self._silent = 0
+
+    def line(self, neighbours: Mapping[str, bool]) -> str | None:
+        """Take one look at the links, and return what is to be said now; None: nothing new."""
+        standing = len(neighbours)
+        self._silent = self._silent + 1 if standing and not all(neighbours.values()) else 0
+        if 0 < self._silent < LOOKS:
+            return None  # too early to say: routes are computed only after a link came
+        said = self._text(standing)
+        self._ever = self._ever or bool(standing)
+        if said == self._said:
+            return None
+        self._said = said
+        return said
+
+    def _text(self, standing: int) -> str:
+        if not standing:
+            lost = f"link to {self._names} lost, trying to reach it again"
+            hint = "is its router up, and does it know this login and certificate (MACHINES.md)?"
+            return lost if self._ever else f"no link to {self._names} yet, trying: {hint}"
+        some = "" if standing >= self._wanted else f"{standing} of "
+        silent = ", but not every one there answers: zenohd never does" if self._silent else ""
+        return f"linked with {some}{self._names}{silent}"
+
+
 EDGE_ROLES = (Role.TEACHER, Role.WORKER, Role.GATEWAY)
 """Who may stand behind an edge."""
 _BOTH = ("ingress", "egress")
