@@ -1,5 +1,6 @@
 """What is said to a teacher whose session is not there: what sessions there are, and the mend."""
 
+import socket
 from pathlib import Path
 
 from protocol.keys import Keys
@@ -8,18 +9,24 @@ from services.cli.next_command import suggested
 from services.cli.waiting import connected_bus
 from services.operator import Operator, OperatorError
 from services.runtime.bus import BusError
+from services.runtime.endpoint import split_endpoint
 from services.runtime.secret import SecretError
 from services.topology import CROWD, Role
 
 CONNECT_MS = 2_000
+_KNOCK_S = 1.0
 
 
 def session_hint(session: str, connect: str, deployment: str, access: Path | None) -> str:
     """Ask the learner which sessions it has and return one line; takes some seconds where nobody answers.
 
+    Who has no operator's login, as people at an edge, cannot ask: they are told who can.
+
     Args: deployment: the teacher's, which may be that of a crowd.
     """
     learner = deployment.removesuffix(CROWD)
+    if not _answers(connect):
+        return f"the router {connect} does not answer: waiting for it"
     create = suggested(f"session create {session}", connect, learner, access)
     try:
         bus = connected_bus(connect, Role.OPERATOR, access, CONNECT_MS)
@@ -27,9 +34,20 @@ def session_hint(session: str, connect: str, deployment: str, access: Path | Non
             listed = Operator(bus, Keys(learner), patience_s=0.0).sessions().sessions
         finally:
             bus.close()
-    except (BusError, SecretError, OperatorError) as error:
+    except SecretError:
+        return "waiting for it: who created it sees in `sfid session list` whether it is there"
+    except (BusError, OperatorError) as error:
         return f"what sessions there are could not be asked: {error}"
     return hint_of(session, [row.session for row in listed], create, crowd=deployment.endswith(CROWD))
+
+
+def _answers(connect: str) -> bool:
+    _, host, port = split_endpoint(connect)
+    try:
+        socket.create_connection((host, port), _KNOCK_S).close()
+    except OSError:
+        return False
+    return True
 
 
 def hint_of(session: str, names: list[str], create: str, *, crowd: bool) -> str:

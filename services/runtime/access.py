@@ -62,6 +62,10 @@ class CleartextError(BusError):
     """What passes could be read and changed on its way."""
 
 
+class CertificateError(SecretError):
+    """A file of TLS is missing, or others can read it: nobody starting side by side will mend that."""
+
+
 def access_for(endpoint: str, role: str, folder: Path | None) -> Access | None:
     """Return what `role` brings to the router at `endpoint`; None where nothing is known of a login.
 
@@ -106,23 +110,27 @@ def make_access(folder: Path, roles: Iterable[str]) -> Path:
 
 def read_access(folder: Path, role: str, *, tls: bool = False) -> Access:
     """Return what a role brings from a folder. Raises: SecretError, whose text never holds the password."""
+    shown = certificates(folder, role) if tls else None  # first: a login may still come, these do not
     path = folder / f"{role}.login"
     try:
         user, password = _login(path)
     except OSError as error:
         message = f"{path}: {error.strerror or error}: `sfid router --access {folder}` makes it; copy it here"
         raise SecretError(message) from None
-    return Access(user, password, certificates(folder, role) if tls else None)
+    return Access(user, password, shown)
 
 
 def certificates(folder: Path, role: str) -> Certificates:
-    """Return the files of TLS of a role. Raises: SecretError naming the one that is missing or readable."""
+    """Return the files of TLS of a role. Raises: CertificateError naming one that is missing or readable."""
     found = Certificates(folder / "ca.pem", folder / f"{role}.pem", folder / f"{role}.key")
     for path in (found.authority, found.certificate, found.key):
         if not path.is_file():
             message = f"{path}: there is no such file: TLS takes it, SECURITY.md says how it is made"
-            raise SecretError(message)
-    _refuse_readable(found.key)
+            raise CertificateError(message)
+    try:
+        _refuse_readable(found.key)
+    except SecretError as error:
+        raise CertificateError(str(error)) from None
     return found
 
 
