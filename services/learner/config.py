@@ -15,7 +15,7 @@ class LearnerConfig:
     """Shards of the data directory; more than one are shared out between the learners of a pool."""
     takeover_ms: int = 2_000
     """For how long nobody has held a shard before another learner of the pool takes it: time to restart."""
-    settle_ms: int = 5_000
+    settle_ms: int = 15_000
     """The same for a learner that has just started: the others may start as well."""
     cut_off_ms: int = 5_000
     """A learner of a pool that reaches no router for so long gives its shards up to those who do."""

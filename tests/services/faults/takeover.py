@@ -181,6 +181,12 @@ class Machines:
             for shard in range(learners)
         ]  # fmt: skip
 
+    def await_homes(self) -> None:
+        """Return once every learner has the shard that it begins with."""
+        for shard in range(len(self.learners)):
+            said, log = f"shard {shard} is this learner's now", self._root / f"learner-{shard}.log"
+            wait_for(said, partial(_says, log, said), START_S)
+
     def _start(self, name: str, *command: str) -> subprocess.Popen[str]:
         arguments = (*command, "--access", str(self.access))
         return self._stack.enter_context(running(*arguments, stderr=self._root / f"{name}.log"))
@@ -207,6 +213,7 @@ def kill_one(sessions: int, learners: int, seconds: float, root: Path, victim: s
     moved = [name for name in names if shard_of(name, learners) in struck]
     with ExitStack() as stack:
         machines = Machines(root, learners, stack)
+        machines.await_homes()
         operator = Operator(machines.bus(Role.OPERATOR, machines.outer), KEYS, patience_s=START_S)
         for name in names:
             operator.create(_session(name))
@@ -243,6 +250,10 @@ def kill_one(sessions: int, learners: int, seconds: float, root: Path, victim: s
         round(max(one.waited_s for one in stayed) * 1000), sum(map(len, heard.values())), after,
         *_account(machines.data, learners, heard, set(moved)),
     )  # fmt: skip
+
+
+def _says(log: Path, text: str) -> bool:
+    return text in log.read_text()
 
 
 def _since(chorus: Chorus, name: str, at_s: float) -> int:

@@ -11,7 +11,7 @@ SECONDS = 2.0
 
 
 @pytest.mark.real
-@pytest.mark.parametrize("victim,sessions,moved", [("learner", 30, 17), ("router", 9, 7)])
+@pytest.mark.parametrize("victim,sessions,moved", [("learner", 30, 8), ("router", 9, 7)])
 def test_the_sessions_of_a_killed_learner_or_router_go_on_in_the_others_and_nothing_is_lost(
     victim: str, sessions: int, moved: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -184,33 +184,33 @@ def test_the_list_is_the_union_of_all_learners(full: School) -> None:
 
 
 def test_a_shard_without_a_learner_gives_no_answer_and_the_others_go_on(full: School) -> None:
-    full.join("s1")
     full.join("s2")
-    decision = full.latest("s1")
+    full.join("s1")
+    decision = full.latest("s2")
     full.stop_shard(1)
-    assert shard_of("s1", SHARDS) == 1
-    assert full.label("s1", decision) is None
-    assert full.asked(KEYS.learner("show"), SessionQuery(session="s1")) is None
-    assert full.asked(KEYS.join("s1", "bob"), Join(session="s1", teacher="bob")) is None
-    assert full.label("s2", full.latest("s2")) is not None
+    assert shard_of("s2", SHARDS) == 1
+    assert full.label("s2", decision) is None
+    assert full.asked(KEYS.learner("show"), SessionQuery(session="s2")) is None
+    assert full.asked(KEYS.join("s2", "bob"), Join(session="s2", teacher="bob")) is None
+    assert full.label("s1", full.latest("s1")) is not None
 
 
 def test_sessions_go_on_in_another_process_and_know_who_is_there(full: School) -> None:
-    full.join("s1")
-    assert full.label("s1", full.latest("s1"), 1) is not None
-    before = full.latest("s1")
+    full.join("s2")
+    assert full.label("s2", full.latest("s2"), 1) is not None
+    before = full.latest("s2")
     full.stop_shard(1)
     taken = full.start_shard(1, full.alone)
-    after = full.latest("s1")
+    after = full.latest("s2")
     assert (after.epoch, after.decision, after.teachers) == (before.epoch + 1, before.decision, ("ann",))
     full.pass_time(taken.config.teachers_gone_ms + 1)
-    assert full.latest("s1").teachers == ("ann",)
-    again, new = full.label("s1", before, 1), full.label("s1", full.latest("s1"), 2)
+    assert full.latest("s2").teachers == ("ann",)
+    again, new = full.label("s2", before, 1), full.label("s2", full.latest("s2"), 2)
     assert again is not None
     assert again.code == "conflict"  # another content under the first id: the journal has come along
     assert new is not None
     assert new.code == "accepted"
-    answers = [row.unique for row in read_rows(full.data_dir, "s1") if row.kind == "answer"]
+    answers = [row.unique for row in read_rows(full.data_dir, "s2") if row.kind == "answer"]
     assert answers == [(1).to_bytes(16, "big"), (2).to_bytes(16, "big")]
 
 
@@ -218,7 +218,8 @@ def test_a_branch_lies_beside_its_origin_and_another_name_is_refused_with_one_th
     full: School,
 ) -> None:
     full.join("lesson")
-    elsewhere = next(f"x{number}" for number in range(99) if shard_of(f"x{number}", SHARDS) != 0)
+    lesson = shard_of("lesson", SHARDS)
+    elsewhere = next(f"x{number}" for number in range(99) if shard_of(f"x{number}", SHARDS) != lesson)
     refused = full.asked(KEYS.learner("branch"), Branch(session="lesson", episode=0, branch=elsewhere))
     assert refused is not None
     refusal = decode(refused.payload, Refusal)
@@ -229,7 +230,7 @@ def test_a_branch_lies_beside_its_origin_and_another_name_is_refused_with_one_th
     done = full.asked(KEYS.learner("branch"), Branch(session="lesson", episode=0, branch="lesson-from0"))
     assert done is not None
     assert decode(done.payload, Done) == Done(ok=True)
-    assert "lesson-from0" in full.learners[0].sessions
+    assert "lesson-from0" in full.learners[lesson].sessions
     taken = full.asked(KEYS.learner("create"), session(session="lesson-from0", episodes=9))
     assert taken is not None
     assert decode(taken.payload, Refusal).code == "conflict"
