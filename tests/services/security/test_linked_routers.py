@@ -39,6 +39,7 @@ pytestmark = [
 KEYS, CROWD = Keys("local"), Keys("local-crowd")
 ROUTES_S = 0.3
 """Routes are computed 0.1 s after a link came; who is denied everything cannot see when."""
+VERBS = ("create", "branch", "list", "show", "rows")
 CLIENTS = [role for role in Role if role is not Role.ROUTER]
 
 
@@ -168,11 +169,14 @@ def harm_done(lab: Place, endpoint: str, access: Access | None) -> set[str]:
     teacher = lab.bus(Role.TEACHER)
     teacher.subscribe(KEYS.decision(), heard.put)
     learner.serve(KEYS.control(), answering(b"stopped"))
+    for verb in VERBS:
+        learner.serve(KEYS.learner(verb), answering(b"done"))
     learner.serve(KEYS.join(), answering(b"welcome"))
     ask_until_served(teacher, KEYS.join("s1", "ann"))
     rogue = open_bus(endpoint, 5_000, access=access)
     rogue.serve(KEYS.answer(), answering(b"forged"))
     stopped = [ask(rogue, KEYS.control("s1", "operator")) for _ in range(3)]
+    managed = {verb: ask(rogue, KEYS.learner(verb)) is not None for verb in VERBS}
     answered = [ask(teacher, KEYS.answer("s1", f"t{number}")) for number in range(20)]
     rogue.publish(KEYS.decision("s1"), b"forged")
     ask(rogue, KEYS.control("s1", "mallory"))  # comes back after what was published has passed
@@ -181,7 +185,7 @@ def harm_done(lab: Place, endpoint: str, access: Access | None) -> set[str]:
     while b"true" not in words:
         words.append(heard.get(timeout=DEADLINE_S).payload)
     rogue.close()
-    done = {"answered": any(answered), "stopped": any(stopped), "published": b"forged" in words}
+    done = {"answered": any(answered), "stopped": any(stopped), "published": b"forged" in words} | managed
     return {harm for harm, came in done.items() if came}
 
 
@@ -204,7 +208,38 @@ def test_an_edge_in_wrong_hands_may_do_what_teachers_may_and_a_router_is_trusted
     # The same attempts succeed from behind a router: so it is the edge's rules that stop them.
     with taken_over(lab, "router", "router") as endpoint:
         linked(lab, endpoint, anybody)
-        assert harm_done(lab, endpoint, anybody) == {"answered", "stopped", "published"}
+        assert harm_done(lab, endpoint, anybody) == {"answered", "stopped", "published", *VERBS}
+
+
+def test_behind_an_edge_in_wrong_hands_nobody_stands_in_the_way_of_an_answer(lab: Place) -> None:
+    anybody = read_access(lab.folder, "teacher")
+    with taken_over(lab, "edge", "edge") as endpoint:
+        linked(lab, endpoint, anybody)
+        learner, teacher = lab.bus(Role.LEARNER), lab.bus(Role.TEACHER)
+        rogue = open_bus(endpoint, 5_000, access=anybody)
+        for served in (KEYS.answer(), KEYS.join(), "sfid/**"):
+            rogue.serve(served, answering(b"forged"))
+        learner.serve(KEYS.join(), answering(b"welcome"))
+        # Asked over the same link, after what the rogue declared: that has come by then.
+        ask_until_served(rogue, KEYS.join("s1", "mallory"))
+        learner.serve(KEYS.answer(), answering(b"saved"))
+        ask_until_served(teacher, KEYS.answer("s1", "ann"))
+        told = {ask(teacher, KEYS.answer("s1", f"t{number}")) for number in range(20)}
+        rogue.close()
+        assert told == {Reply(b"saved")}
+
+
+def test_a_router_that_only_links_over_tls_lets_local_programs_in_by_their_logins(
+    lab: Place, tmp_path: Path
+) -> None:
+    learner = lab.bus(Role.LEARNER)
+    learner.serve(KEYS.answer(), answering(b"saved"))
+    endpoint, folder = free_endpoint(), carried(lab.folder, tmp_path / "desk", "router")
+    with ExitStack() as stack, routing(RouterConfig(endpoint, connect=(lab.endpoint,), access=folder)):
+        desk = Place(endpoint, folder, stack)
+        assert ask_until_served(desk.bus(Role.TEACHER), KEYS.answer("s1", "ann")) == Reply(b"saved")
+        assert ask(desk.bus(Role.MONITOR), KEYS.answer("s1", "ann")) is None
+        stack.close()
 
 
 @pytest.mark.parametrize(
