@@ -19,7 +19,7 @@ from tests.services.cli.command_line import wait_for
 from tests.services.faults_network.weather import Proxy
 from tests.services.linked import DEADLINE_S, ask, ask_until_served, routing
 
-KEYS = Keys("local")
+KEYS, CROWD = Keys("local"), Keys("local-crowd")
 CUTS = 6
 """At least one of so many meets the moment in which Zenoh alone forgets what the other declared."""
 FORGOTTEN_S = 1.5
@@ -203,3 +203,25 @@ def test_a_link_carries_what_roles_say_to_each_other_and_an_edge_what_people_say
     assert (control["default_permission"], control["enabled"]) == ("deny", True)
     denied = [rule["key_exprs"] for rule in added if rule["permission"] == "deny"]
     assert denied == [[KEYS.control(teacher="operator")]]
+
+
+def test_an_edge_serves_what_gateways_serve_asks_what_people_ask_and_publishes_nothing() -> None:
+    control = allow_links(access_control(["local"], tls=True), ["local"])
+    may: dict[tuple[str, str], set[str]] = {}
+    for rule in control["rules"]:
+        if rule["id"].startswith(Link.EDGE.value) and rule["permission"] == "allow":
+            for flow in rule["flows"]:
+                for message in rule["messages"]:
+                    may.setdefault((flow, message), set()).update(rule["key_exprs"])
+    served = {KEYS.status("gateway"), CROWD.status("gateway"), router_key()}
+    asked = {KEYS.join(), KEYS.answer(), KEYS.control(), CROWD.join(), CROWD.answer()} | served
+    came = {flow_message[1]: keys for flow_message, keys in may.items() if flow_message[0] == "ingress"}
+    news = {keys.decision() for keys in (KEYS, CROWD)} | {keys.measures() for keys in (KEYS, CROWD)}
+    tokens = {key for keys in (KEYS, CROWD) for key in (keys.present(), keys.service("gateway"))}
+    assert came == {
+        "query": asked,
+        "declare_queryable": served,
+        "reply": served,
+        "declare_subscriber": news,
+        "liveliness_token": tokens,
+    }
