@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from services.runtime.journal import Row, Shard, read_rows, verify
+from services.runtime.journal.amend import AMENDED_KIND, amendment_bodies
 from services.runtime.journal.beside import BESIDE_BYTES, UnprovenRows, audit_beside
 from services.runtime.journal.store import SQLITE_NAME
 
@@ -109,8 +110,12 @@ def test_an_audit_that_finds_damage_says_that_nothing_was_rightly_read_ahead(dat
     assert len(found.problems) == 1
 
 
-def test_rows_that_an_older_owner_adds_meanwhile_are_read_as_they_stand_then(data: Path) -> None:
+@pytest.mark.parametrize("proven", [False, True], ids=["during the proof", "after the proof"])
+def test_rows_that_an_older_owner_adds_meanwhile_are_read_as_they_stand_then(
+    data: Path, *, proven: bool
+) -> None:
     """Two lock files stand for a file system that gives the lock to both."""
+    before = children()
     files = data / "shard-0"
     lock, of_the_old, of_the_new = (files / name for name in ("lock", "lock-of-the-old", "lock-of-the-new"))
     old = Shard.open(data)
@@ -118,6 +123,9 @@ def test_rows_that_an_older_owner_adds_meanwhile_are_read_as_they_stand_then(dat
     lock.rename(of_the_old)
 
     def commit() -> None:
+        if proven:
+            (prover,) = children() - before
+            os.waitid(os.P_PID, prover, os.WEXITED | os.WNOWAIT)
         lock.rename(of_the_new)
         of_the_old.rename(lock)
         old.commit()
@@ -148,6 +156,26 @@ def test_a_commit_that_only_the_mirror_holds_follows_what_was_read_ahead(data: P
         assert shard.read_ahead == PADS + 1
         assert list(shard.events(SESSION, shard.read_ahead)) == [("answer", 77, b"late")]
         assert [*reader.seen[SESSION], ("answer", 77, b"late")] == list(shard.events(SESSION))
+
+
+def test_an_amendment_that_only_the_mirror_holds_changes_what_was_read_ahead(
+    data: Path, tmp_path: Path
+) -> None:
+    with Shard.open(data) as shard:
+        shard.erase({SESSION: {PADS + 1: b"said first"}}, at_ns=1)
+    files = [data / "shard-0" / name for name in (SQLITE_NAME, f"{SQLITE_NAME}-wal")]
+    with Shard.open(data) as shard:
+        for path in files:
+            shutil.copyfile(path, tmp_path / path.name)
+        (body,) = amendment_bodies({PADS + 1: b"said anew"})
+        shard.append(SESSION, AMENDED_KIND, body, at_ns=2)
+    for path in files:
+        shutil.copyfile(tmp_path / path.name, path)
+    reader = Reader()
+    with Shard.open(data, 0, reader) as shard:
+        assert shard.read_ahead == 0
+        assert reader.seen[SESSION][-1] == ("answer", PADS, b"said first")
+        assert list(shard.events(SESSION))[-1] == ("answer", PADS, b"said anew")
 
 
 def test_whatever_fails_on_unproven_rows_is_no_failure_of_the_journal(data: Path) -> None:
