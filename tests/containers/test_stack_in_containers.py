@@ -51,7 +51,7 @@ FAULTS: tuple[tuple[Callable[[Stack, str], Callable[[], None]], float], ...] = (
 PACE_S = 0.05
 FEW = 3
 BACK_S = 100.0
-"""Back is a matter of 2 s. But of ten containers of two networks that Podman 4.3 restarts, one finds no names:
+"""Back is a matter of 2 s. But one in ten containers of two networks that Podman 4.3 restarts finds no names:
 it waits 30 s for its router, ends, and is restarted once more."""
 UP_S = 180.0
 ALL_S = 600.0
