@@ -8,9 +8,10 @@ from protocol.keys import Keys
 from protocol.messages import Decision
 from services.client.client import Client
 from services.client.updates import Opened, Refused
+from services.client.waiting import Waiting
 from services.outbox import Outbox
 from services.runtime.access import access_for
-from services.runtime.clock import SystemClock
+from services.runtime.clock import Clock, SystemClock
 from services.runtime.zenoh_bus import open_bus
 from services.topology import teaching_role
 
@@ -23,19 +24,26 @@ class TeachingError(Exception):
 
 
 class Teaching:
-    """The decisions of a session one after another, and the answers to them."""
+    """The decisions of a session one after another, and the answers to them.
 
-    def __init__(self, client: Client) -> None:
+    Args: clock: only grows; by it a long waiting is told in the log.
+    """
+
+    def __init__(self, client: Client, clock: Clock | None = None) -> None:
         self.client = client
+        self._clock = clock or SystemClock()
 
     def decisions(self) -> Iterator[Decision]:
         """Yield each decision that asks for an answer once, and end when the session is finished.
 
-        Raises TeachingError when the teacher may not join; waits for a learner that is not there yet.
+        Raises TeachingError when the teacher may not join; waits for a learner, or a session, that is not
+        there yet, and after some seconds logs what it waits for (logger `sfid.client`).
         """
+        waiting = Waiting(self.client.session, self._clock)
         last: tuple[int, int, str] | None = None
         while True:
             update = self.client.next(1.0)
+            waiting.note(update)
             if isinstance(update, Refused) and update.final:
                 raise TeachingError(f"session {self.client.session!r}: {update.reason} ({update.code})")
             if not isinstance(update, Opened):
@@ -73,10 +81,10 @@ def join(  # noqa: PLR0913 - most have a default
     *,
     token: str | None = None,
     check_key: bytes | None = None,
-    outbox: Path | None = None,
+    outbox: str | Path | None = None,
     deployment: str = "local",
     connect_ms: int = CONNECT_MS,
-    access: Path | None = None,
+    access: str | Path | None = None,
 ) -> Iterator[Teaching]:
     """Teach a session over the router at `endpoint`; the end waits up to 2 s for the last acknowledgements.
 
@@ -85,8 +93,9 @@ def join(  # noqa: PLR0913 - most have a default
     Raises: BusError when no router answers, SecretError for a missing login, KeyNameError for a bad name,
     OutboxError.
     """
-    with Outbox(outbox) as kept:
-        login = access_for(endpoint, teaching_role(deployment).value, access)
+    with Outbox(None if outbox is None else Path(outbox)) as kept:
+        folder = None if access is None else Path(access)
+        login = access_for(endpoint, teaching_role(deployment).value, folder)
         bus = open_bus(endpoint, connect_ms, access=login)
         try:
             with Client(
