@@ -28,6 +28,7 @@ from services.cli.options import (
     Seed,
     print_json,
 )
+from services.cli.session_rows import Match, StateFlag, counted, listed, state_of
 from services.cli.session_source import (
     DeadlockReward,
     EpisodesFlag,
@@ -86,7 +87,10 @@ def session_config(  # noqa: PLR0917 - one argument a flag
     parameters: dict[str, Value] | None = None,
     world: World | GymWorld | None = None,
 ) -> CreateSession:
-    """Return a checked configuration; raise with one line and the mend when a value makes no sense."""
+    """Return a checked configuration; raise with one line and the mend when a value makes no sense.
+
+    Args: parameters: None where the command has no flag for them, so that none is advised.
+    """
     try:
         checked(name, "session")
     except KeyNameError as error:
@@ -107,7 +111,8 @@ def session_config(  # noqa: PLR0917 - one argument a flag
         window=window,
         teachers_min=teachers_min,
     )
-    warn(config_of(config))
+    scale = config.world.reward_scale if isinstance(config.world, GymWorld) else None
+    warn(config_of(config), scale=scale, sets_parameters=parameters is not None)
     try:
         return decode(encode(config), CreateSession)
     except DecodeError as error:
@@ -216,11 +221,17 @@ def _created_line(name: str, method: str, next_: Callable[[str], str], *, again:
 
 @session_app.command("list")
 def list_sessions(
-    connect: Connect = ENDPOINT, access: Access = None, deployment: Deployment = "local", json: Json = False
+    match: Match = None,
+    state: StateFlag = None,
+    connect: Connect = ENDPOINT,
+    access: Access = None,
+    deployment: Deployment = "local",
+    json: Json = False,
 ) -> None:
-    """List the sessions of the learner."""
+    """List the sessions of all learners by name, and count them."""
     with operator(connect, deployment, access=access) as asked:
-        sessions = asked.sessions().sessions
+        found = asked.sessions().sessions
+    sessions = listed(found, match, state)
     if json:
         print_json([
             {"session": row.session, "method": row.method, "level": row.level_name, "phase": row.phase,
@@ -230,11 +241,12 @@ def list_sessions(
         ])  # fmt: skip
         return
     for row in sessions:
-        state = "paused" if row.paused else row.phase
         teachers = ", ".join(row.teachers) or "nobody"
         done = f"episode {row.episode}/{row.episodes}"
-        print(f"{row.session}: {row.method} on {row.level_name}, {done}, {state}, {teachers}")
-    if not sessions:
+        print(f"{row.session}: {row.method} on {row.level_name}, {done}, {state_of(row)}, {teachers}")
+    if found:
+        print(counted(sessions, len(found)))
+    else:
         create_one = suggested("session create NAME", connect, deployment, access)
         print(f"no sessions yet: {create_one} creates one")
 

@@ -61,3 +61,26 @@ def test_dying_that_pays_is_warned_of_with_the_cure() -> None:
         "so without a teacher it pays; use a deadlock reward of -10 or less"
     )
     assert warned("q-learning", {}, step=-1.0, deadlock=-10.0001) == ()
+
+
+def test_where_rewards_can_only_be_scaled_the_scale_is_advised_and_no_flag_that_is_not_there() -> None:
+    world = WorldSpec("", goal_reward=1.0, step_reward=0.0)
+    (line,) = circuit_warnings(SessionConfig("s1", world), scale=1.0, sets_parameters=False)
+    assert line.endswith(
+        "which needs 9; use `--reward-scale 9` or more or a method that keeps praise out of its values "
+        "(`--method tamer`)"
+    )
+
+
+@pytest.mark.parametrize("step,scale,advised", [(0.0, 1.0, 9.0), (0.0, 0.5, 4.5), (-0.05, 2.0, 12.42)])
+def test_the_scale_that_is_advised_ends_the_warning_and_a_hundredth_less_does_not(
+    step: float, scale: float, advised: float
+) -> None:
+    def lines(factor: float) -> tuple[str, ...]:
+        by = factor / scale
+        world = WorldSpec("", goal_reward=by, step_reward=step * by)
+        return circuit_warnings(SessionConfig("s1", world), scale=factor)
+
+    assert f"use `--reward-scale {advised:g}` or more, gamma" in lines(scale)[0]
+    assert lines(advised) == ()
+    assert len(lines(advised - 0.01)) == 1

@@ -1,0 +1,83 @@
+"""`sfid session list`: by name, as many as were asked for, with a count below."""
+
+import json
+
+import msgspec
+import pytest
+
+from protocol.codec import encode
+from protocol.keys import Keys
+from protocol.messages import GymWorld, SessionList, SessionSummary, WindowSpec
+from services.cli.session import session_config
+from services.cli.session_rows import State, counted, listed, state_of
+from services.router import RouterConfig, free_endpoint
+from services.runtime.zenoh_bus import open_bus
+from sfid_core.session.state import Phase
+from tests.protocol.samples import SUMMARY
+from tests.services.cli.command_line import sfid
+from tests.services.linked import routing
+
+
+def row(name: str, phase: str = "asking", *, paused: bool = False) -> SessionSummary:
+    return msgspec.structs.replace(SUMMARY, session=name, phase=phase, paused=paused)
+
+
+ROWS = [row("maze-b"), row("room", "finished"), row("maze-a", paused=True), row("cave")]
+
+
+def test_sessions_are_listed_by_name_however_the_learners_answer() -> None:
+    names = ["cave", "maze-a", "maze-b", "room"]
+    assert [one.session for one in listed(ROWS, None, None)] == names
+    assert [one.session for one in listed(ROWS[::-1], None, None)] == names
+
+
+def test_a_text_of_the_name_and_a_state_choose_sessions() -> None:
+    assert [one.session for one in listed(ROWS, "maze", None)] == ["maze-a", "maze-b"]
+    assert [one.session for one in listed(ROWS, None, State.PAUSED)] == ["maze-a"]
+    assert [one.session for one in listed(ROWS, "maze", State.ASKING)] == ["maze-b"]
+    assert listed(ROWS, "nowhere", None) == []
+
+
+def test_the_line_below_counts_all_and_those_that_were_asked_for() -> None:
+    assert counted(ROWS, 4) == "4 sessions: 2 asking, 1 paused, 1 finished"
+    assert counted(listed(ROWS, "maze", None), 4) == "2 of 4 sessions: 1 asking, 1 paused"
+    assert counted([], 4) == "0 of 4 sessions"
+    assert counted(ROWS[:1], 1) == "1 session: 1 asking"
+
+
+def test_every_state_a_session_can_have_can_be_asked_for() -> None:
+    assert {one.value for one in State} == {one.value for one in Phase} | {"paused"}
+    assert state_of(row("s1", "asking", paused=True)) == "paused"
+
+
+@pytest.mark.real
+def test_the_command_lists_what_learners_tell() -> None:
+    at = free_endpoint()
+    with routing(RouterConfig(at)):
+        learner = open_bus(at, 5_000)
+        learner.serve(
+            Keys("local").learner("list"),
+            lambda request: request.reply(encode(SessionList(sessions=tuple(ROWS)))),
+            shared=True,
+        )
+        whole = sfid("session", "list", "--connect", at)
+        mazes = sfid("session", "list", "--connect", at, "--match", "maze", "--state", "paused", "--json")
+        learner.close()
+    lines = whole.stdout.splitlines()
+    assert [line.partition(":")[0] for line in lines[:-1]] == ["cave", "maze-a", "maze-b", "room"]
+    assert lines[-1] == "4 sessions: 2 asking, 1 paused, 1 finished"
+    assert [one["session"] for one in json.loads(mazes.stdout)] == ["maze-a"]
+
+
+@pytest.mark.parametrize("parameters,advised", [(None, []), ({}, ["-p omega=penalty"])])
+def test_a_command_without_a_flag_for_parameters_advises_none(
+    parameters: dict[str, float | str] | None, advised: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    lake = GymWorld(
+        environment="FrozenLake-v1", actions=("LEFT", "RIGHT"), level_name="lake", goal_reward=1.0
+    )
+    window = WindowSpec(mode="early", span_ms=1_000)
+    session_config("demo", "", "sfid", 3, "4", 0, window, 1, parameters, lake)
+    told = capsys.readouterr().err
+    assert "use `--reward-scale 9` or more" in told
+    assert [flag for flag in ("-p omega=penalty", "a goal reward of") if flag in told] == advised
