@@ -1,5 +1,6 @@
 """`sfid export`: a session's journal in a format of others."""
 
+import shlex
 from enum import Enum
 from pathlib import Path
 from typing import Annotated
@@ -97,7 +98,7 @@ def _data(directory: Path, name: str, form: Format, out: Path) -> Written:
         else:
             text = lurd_solutions(story) if form is Format.LURD else xsb_levels(story)
             write_text(out, text)
-            hint = "`sfid levels --help` says what reads it"
+            hint = f"`sfid levels show {shlex.quote(str(out))}` reads it"
     except ExportError as error:
         raise CommandError(str(error)) from None
     return len(story.steps), len(story.episodes), hint

@@ -61,8 +61,11 @@ def replay(
         )
     else:
         for one in replayed:
-            verdict = f"matches {one.digests} noted digests" if one.matches else "DIFFERS"
-            counts = f"{one.events} events, {one.episodes} episodes"
+            same = (
+                f"matches {_count(one.digests, 'noted digest')}" if one.digests else "nothing to compare yet"
+            )
+            verdict = same if one.matches else "DIFFERS"
+            counts = f"{_count(one.events, 'event')}, {_count(one.episodes, 'episode')}"
             erased = f", {one.erased} answers erased" if one.erased else ""
             print(f"{one.session}: {counts}{erased}, q_sha256 {one.q_sha256}: {verdict}")
         for crowd in crowds:
@@ -71,6 +74,10 @@ def replay(
             print(f"{crowd.session}, crowd {crowd.aggregator}: {counts}: {verdict}")
     if verify and not (all(one.matches for one in replayed) and all(one.matches for one in crowds)):
         raise typer.Exit(NOT_SO)
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 OFF_POLICY = (
@@ -173,8 +180,9 @@ def verify(directory: DirectoryArgument, json: Json = False) -> None:
         )
     else:
         verdict = "ok" if found.ok else "NOT OK"
+        counts = f"{_count(found.sessions, 'session')}, {_count(found.labels, 'label')}"
         erased = f" ({found.erased} of them erased)" if found.erased else ""
-        print(f"{verdict}: {found.sessions} sessions, {found.labels} labels{erased}, {found.rows} rows")
+        print(f"{verdict}: {counts}{erased}, {_count(found.rows, 'row')}")
         for problem in found.problems:
             print(f"  {problem}")
     if not found.ok:

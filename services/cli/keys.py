@@ -55,7 +55,8 @@ def new(
         })  # fmt: skip
         return
     print(f"{path}: {name} may teach {session} until {_moment(identity.expires_s)}; id {identity.token_id}")
-    print(f"they teach with: sfid teach keyboard --session {session} --name {name} --token-file {path}")
+    elsewhere = "they teach with (on another machine also its --connect and --access)"
+    print(f"{elsewhere}: sfid teach keyboard --session {session} --name {name} --token-file {path}")
     print(f"withdraw it: {suggested(f'keys revoke {identity.token_id}', data=data)}")
 
 

@@ -37,10 +37,24 @@ def test_digests_that_come_out_again_match(tmp_path: Path) -> None:
     journal(tmp_path, EMPTY)
     (replayed,) = replay_directory(tmp_path)
     assert (replayed.matches, replayed.digests) == (True, 1)
-    assert sfid("replay", str(tmp_path), "--verify").code == 0
+    done = sfid("replay", str(tmp_path), "--verify")
+    assert (done.code, done.stdout) == (
+        0,
+        f"s1: 0 events, 0 episodes, q_sha256 {EMPTY}: matches 1 noted digest\n",
+    )
 
 
 def test_a_session_before_its_first_digest_is_no_fault(tmp_path: Path) -> None:
     journal(tmp_path)
     (replayed,) = replay_directory(tmp_path)
     assert (replayed.matches, replayed.digests) == (True, 0)
+    done = sfid("replay", str(tmp_path), "--verify")
+    assert (done.code, done.stdout) == (
+        0,
+        f"s1: 0 events, 0 episodes, q_sha256 {EMPTY}: nothing to compare yet\n",
+    )
+
+
+def test_one_of_a_kind_is_counted_in_the_singular(tmp_path: Path) -> None:
+    journal(tmp_path)
+    assert sfid("verify", str(tmp_path)).stdout == "ok: 1 session, 0 labels, 1 row\n"

@@ -33,6 +33,7 @@ def test_a_token_is_a_private_file_and_is_told_nowhere_else(tmp_path: Path) -> N
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
     assert token.partition(".")[0] not in done.stdout + done.stderr
     assert f"sfid keys revoke {identity.token_id}" in done.stdout
+    assert "they teach with (on another machine also its --connect and --access): sfid teach" in done.stdout
     for path in data.rglob("*"):
         assert not path.is_file() or token.encode() not in path.read_bytes()
 

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shlex
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
@@ -260,6 +261,18 @@ def test_a_minari_data_set_is_loaded_back_step_for_step(
 
 
 @pytest.mark.real
+@pytest.mark.parametrize("form", ["lurd", "xsb"])
+def test_the_command_that_an_export_of_levels_ends_with_reads_it(
+    data: Path, tmp_path: Path, form: str
+) -> None:
+    out = tmp_path / f"my {form}"
+    said = sfid("export", str(data), "--format", form, "--out", str(out)).stdout
+    command = shlex.split(said.partition("`")[2].partition("`")[0])
+    assert command == ["sfid", "levels", "show", str(out)]
+    shown = sfid(*command[1:])
+    assert (shown.code, "#####" in shown.stdout) == (0, True)
+
+
 @pytest.mark.parametrize("form", ["csv", "parquet", "lurd", "xsb", "minari", "rrd"])
 def test_the_command_writes_each_format_and_tells_what_it_wrote(
     form: str, data: Path, tmp_path: Path
