@@ -157,6 +157,16 @@ def test_what_does_not_fit_is_refused_and_nothing_becomes_pending(
     assert verify(tmp_path).rows == 1
 
 
+def test_events_behind_a_row_leave_out_what_is_pending_before_it(tmp_path: Path) -> None:
+    with Shard.open(tmp_path) as shard:
+        for number in range(1, 5):
+            assert shard.append("s", "k", str(number).encode(), at_ns=number) == number
+            if number == 2:
+                shard.commit()
+        told = {after: [at_ns for _, at_ns, _ in shard.events("s", after)] for after in range(5)}
+        assert told == {0: [1, 2, 3, 4], 1: [2, 3, 4], 2: [3, 4], 3: [4], 4: []}
+
+
 def test_pending_bytes_are_bounded(tmp_path: Path) -> None:
     body = bytes(8 * 2**20)
     with Shard.open(tmp_path) as shard:
