@@ -150,6 +150,22 @@ def test_a_learner_killed_at_any_decision_goes_on_there_and_ends_with_the_same_t
     assert verify(room.data_dir).ok
 
 
+def test_whoever_left_before_the_learner_died_comes_back_by_presence_alone(room: Classroom) -> None:
+    room.create()
+    ann, bob = Pupil(room, "ann"), Pupil(room, "bob")
+    ann.join()
+    bob.join()
+    ann.withdraw()
+    room.settle()
+    assert room.present() == ("bob",)
+    room.kill_learner()
+    room.start_learner()
+    for name in ("ann", "eve"):  # eve never joined: whoever only announces themselves is let in nowhere
+        room.watcher.announce(KEYS.present("s1", name))
+    room.settle()
+    assert room.present() == ("ann", "bob")
+
+
 def test_steps_that_were_not_committed_when_the_learner_died_come_again_with_the_same_bits(
     room: Classroom,
 ) -> None:
