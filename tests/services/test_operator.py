@@ -1,0 +1,72 @@
+"""What the command line is told where several learners answer, and some of them cannot just now."""
+
+from collections.abc import Callable
+
+import pytest
+
+from protocol.codec import encode
+from protocol.keys import Keys
+from protocol.messages import Refusal, SessionList, SessionSummary
+from services.operator import Operator, OperatorError
+from services.runtime.bus import Request
+from services.runtime.memory_bus import MemoryBus, MemoryHub
+
+KEYS = Keys("local")
+BUSY = encode(Refusal(code="busy", reason="the inbox is full: send it again"))
+
+
+class EnoughError(Exception):
+    """The test has seen enough."""
+
+
+def listed(name: str) -> SessionList:
+    summary = SessionSummary(
+        session=name, method="q-learning", level_name="room", phase="asking", paused=False, episode=0,
+        episodes=2, decision=0, teachers=(),
+    )  # fmt: skip
+    return SessionList(sessions=(summary,))
+
+
+def answering(answer: SessionList | bytes) -> Callable[[Request], None]:
+    def serve(request: Request) -> None:
+        if isinstance(answer, bytes):
+            request.reply_error(answer)
+        else:
+            request.reply(encode(answer))
+
+    return serve
+
+
+def operator(*answers: SessionList | bytes, pauses: int = 0) -> tuple[Operator, list[float]]:
+    """Return an operator where each learner always answers the same, and the pauses that it makes."""
+    hub = MemoryHub(inline=True)
+    for answer in answers:
+        MemoryBus(hub).serve(KEYS.learner("list"), answering(answer), shared=True)
+    paused: list[float] = []
+
+    def pause(seconds: float) -> None:
+        paused.append(seconds)
+        if len(paused) > pauses:
+            raise EnoughError
+
+    return Operator(MemoryBus(hub), KEYS, pause=pause), paused
+
+
+def test_the_lists_of_those_who_answer_are_shown_though_one_learner_is_busy() -> None:
+    asking, paused = operator(BUSY, listed("s1"), listed("s2"))
+    assert sorted(one.session for one in asking.sessions().sessions) == ["s1", "s2"]
+    assert paused == []
+
+
+def test_learners_that_are_all_busy_are_asked_again() -> None:
+    asking, paused = operator(BUSY, BUSY, pauses=2)
+    with pytest.raises(EnoughError):
+        asking.sessions()
+    assert len(paused) == 3
+
+
+def test_a_refusal_for_good_is_told_at_once_in_its_own_words() -> None:
+    asking, paused = operator(encode(Refusal(code="denied", reason="not for you: ask for a login")))
+    with pytest.raises(OperatorError, match=r"^not for you: ask for a login$"):
+        asking.sessions()
+    assert paused == []
