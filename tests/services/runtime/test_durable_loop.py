@@ -172,6 +172,49 @@ def test_a_burst_of_work_and_timers_is_cut_where_its_time_is_over(
     assert handled[4:] == ["request", "work 2", "timer 2", "work 3", "timer 3"]
 
 
+def test_a_loop_with_work_left_does_not_wait_for_a_message(loop: DurableLoop, clock: ManualClock) -> None:
+    handled: list[int] = []
+
+    def work(number: int) -> None:
+        handled.append(number)
+        clock.advance(2 * MS)
+
+    for number in range(4):
+        loop.enqueue_work(work, number)
+    loop.turn(0.0)
+    assert (handled, loop.waiting, loop.wait_s(0.2)) == ([0, 1, 2], 1, 0.0)
+    loop.turn(0.0)
+    assert (handled, loop.waiting, loop.wait_s(0.2)) == ([0, 1, 2, 3], 0, 0.2)
+
+
+class SlowShard(Shard):
+    """A shard on a disk whose speed a test sets."""
+
+    clock: ManualClock
+    takes_ms = 0
+
+    def commit(self) -> None:
+        super().commit()
+        self.clock.advance(self.takes_ms * MS)
+
+
+@pytest.mark.parametrize("takes_ms,pieces", [(0, 5), (2, 5), (4, 8), (9, 18), (11, 20), (50, 20)])
+def test_work_has_twice_the_time_of_a_commit_but_five_milliseconds_at_least_and_twenty_at_most(
+    tmp_path: Path, clock: ManualClock, takes_ms: int, pieces: int
+) -> None:
+    with SlowShard.open(tmp_path) as shard:
+        shard.clock, shard.takes_ms = clock, takes_ms
+        loop = DurableLoop(shard, clock, LoopSettings("learner", 3, 2, COMMIT_MS))
+        for _ in range(30):
+            loop.enqueue_work(clock.advance, MS)
+        loop.append("s1", "joined", b"ann", loop.at_ns())
+        loop.commit()
+        loop.commit()  # of nothing: that says nothing of the disk
+        loop.turn(0.0)
+        assert loop.waiting == 30 - pieces
+        shard.takes_ms = 0
+
+
 def test_a_slow_batch_of_requests_is_committed_before_the_rest_is_handled(
     loop: DurableLoop, clock: ManualClock
 ) -> None:
