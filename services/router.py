@@ -2,7 +2,6 @@
 
 import json
 import logging
-import os
 import socket
 import threading
 from collections.abc import Callable
@@ -15,6 +14,7 @@ from services.runtime.access import Guard, certificates, make_access, note_route
 from services.runtime.bus import BusError
 from services.runtime.endpoint import DEFAULT_ENDPOINT, is_loopback, reached_at, split_endpoint
 from services.runtime.handed_logins import hand_out
+from services.runtime.secret import written_anew
 from services.runtime.zenoh_bus import ZenohRouter, router_config
 from services.runtime.zenoh_config import LinkLimits
 from services.topology import Role, access_control
@@ -102,11 +102,8 @@ def zenohd_file(config: RouterConfig, path: Path) -> None:
     Raises: as `run`; RouterError when the file cannot be written.
     """
     text = json.dumps(router_config(config.listen, config.limits, _guard(config), config.connect), indent=2)
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
-        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as file:
-            file.write(text + "\n")
-        part.replace(path)
+        written_anew(path, f"{text}\n".encode())
     except OSError as error:
         message = f"{path}: {error.strerror or error}: name a file in a directory that can be written"
         raise RouterError(message) from None

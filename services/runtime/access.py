@@ -20,7 +20,7 @@ from pathlib import Path
 from services.runtime.bus import BusError
 from services.runtime.endpoint import is_loopback, split_endpoint
 from services.runtime.machine_config import INSECURE, network_is_trusted, state_folder
-from services.runtime.secret import SecretError, written_once
+from services.runtime.secret import SecretError, written_anew, written_once
 
 FOLDER = "access"
 """Below the data directory."""
@@ -98,10 +98,8 @@ def make_access(folder: Path, roles: Iterable[str]) -> Path:
             path = folder / f"{role}.login"
             written_once(path, f"{role}:{secrets.token_hex(_PASSWORD_BYTES)}\n".encode())
             logins.append(":".join(_login(path)))
-        users, part = folder / USERS, folder / f"{USERS}.{os.getpid()}.part"
-        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as file:
-            file.write("".join(f"{login}\n" for login in logins))
-        part.replace(users)
+        users = folder / USERS
+        written_anew(users, "".join(f"{login}\n" for login in logins).encode())
     except OSError as error:
         message = f"{folder}: {error.strerror or error}: name an --access directory that can be written"
         raise SecretError(message) from None

@@ -1,10 +1,9 @@
 """Each role's login in a directory of its own, for machines or containers that get that one directory."""
 
-import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from services.runtime.secret import SecretError
+from services.runtime.secret import SecretError, written_anew
 
 
 def hand_out(folder: Path, roles: Iterable[str]) -> None:
@@ -27,7 +26,4 @@ def hand_out(folder: Path, roles: Iterable[str]) -> None:
 def _write(path: Path, content: bytes) -> None:
     if path.is_file() and path.read_bytes() == content:
         return
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:
-        file.write(content)
-    part.replace(path)
+    written_anew(path, content)

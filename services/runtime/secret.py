@@ -51,17 +51,39 @@ def written_once(path: Path, content: bytes) -> None:
     """
     if path.exists():
         return
-    # Not by process number alone: containers on one volume have the same ones.
-    part = path.with_name(f"{path.name}.{os.getpid()}-{secrets.token_hex(4)}.part")
-    handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    try:
-        os.write(handle, content)
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+    part = _part(path, content)
     try:
         os.link(part, path)
     except FileExistsError:
         pass
     finally:
         part.unlink()
+
+
+def written_anew(path: Path, content: bytes) -> None:
+    """Write a file that its owner alone can read, whole or not at all, in the place of what is there.
+
+    A symbolic link there is replaced, and what it leads to is left alone.  Raises: OSError.
+    """
+    part = _part(path, content)
+    try:
+        part.replace(path)
+    except OSError:
+        part.unlink()
+        raise
+
+
+def _part(path: Path, content: bytes) -> Path:
+    """Return a new file beside `path` that holds all of the content, durably."""
+    # Not by process number alone: containers on one volume have the same ones, and nobody foresees the name.
+    part = path.with_name(f"{path.name}.{os.getpid()}-{secrets.token_hex(4)}.part")
+    handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(handle)
+    except OSError:
+        part.unlink()
+        raise
+    return part
