@@ -211,24 +211,6 @@ def test_an_edge_in_wrong_hands_may_do_what_teachers_may_and_a_router_is_trusted
         assert harm_done(lab, endpoint, anybody) == {"answered", "stopped", "published", *VERBS}
 
 
-def test_behind_an_edge_in_wrong_hands_nobody_stands_in_the_way_of_an_answer(lab: Place) -> None:
-    anybody = read_access(lab.folder, "teacher")
-    with taken_over(lab, "edge", "edge") as endpoint:
-        linked(lab, endpoint, anybody)
-        learner, teacher = lab.bus(Role.LEARNER), lab.bus(Role.TEACHER)
-        rogue = open_bus(endpoint, 5_000, access=anybody)
-        for served in (KEYS.answer(), KEYS.join(), "sfid/**"):
-            rogue.serve(served, answering(b"forged"))
-        learner.serve(KEYS.join(), answering(b"welcome"))
-        # Asked over the same link, after what the rogue declared: that has come by then.
-        ask_until_served(rogue, KEYS.join("s1", "mallory"))
-        learner.serve(KEYS.answer(), answering(b"saved"))
-        ask_until_served(teacher, KEYS.answer("s1", "ann"))
-        told = {ask(teacher, KEYS.answer("s1", f"t{number}")) for number in range(20)}
-        rogue.close()
-        assert told == {Reply(b"saved")}
-
-
 def test_a_router_that_only_links_over_tls_lets_local_programs_in_by_their_logins(
     lab: Place, tmp_path: Path
 ) -> None:
