@@ -36,6 +36,7 @@ PAGE = (ROOT / "MACHINES.md").read_text(encoding="utf-8")
 CUT_S = 3.0
 """Over the lease of 2.5 s: both routers know that the link is gone."""
 BACK_S = 10.0
+LAB = "tls/192.0.2.7:7447"
 LABELS = 20
 """Acknowledged before the cut, and again after it."""
 TEACH = """
@@ -188,6 +189,10 @@ def test_a_session_is_taught_from_another_network_and_a_cut_link_loses_nothing(
     lab = machines.service(
         "lab", f"{commands('The lab')[0]} --config quiet.toml", "router at tls/192.0.2.7:7447, data in lab\n"
     )
+    linked = f"linked with {LAB}\n"
+    wait_for("the edge says that its link stands", lambda: linked in (root / "town.log").read_text())
+    assert f"no link to {LAB} yet, trying" in (root / "town.log").read_text().partition(linked)[0]
+    machines.run("lab", commands("Does it work?")[0])
     create, key = commands("Teaching")[0].splitlines()
     machines.run("lab", f"{create} --episodes 100000")
     machines.run("lab", key)
