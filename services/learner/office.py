@@ -114,7 +114,8 @@ class Office:
         return None
 
     def _on_list(self, request: Request) -> None:
-        request.reply(encode(fitting(map(_summary, reversed(self._learner.sessions.values())))))
+        listed = fitting(map(_summary, reversed(self._learner.sessions.values())))
+        self._learner.loop.reply_durably(request, listed)
 
     def _on_show(self, request: Request) -> None:
         try:

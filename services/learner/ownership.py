@@ -1,16 +1,21 @@
 """Which shard of a data directory a session belongs to, and of how many shards there are."""
 
+from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
 
-from services.runtime.journal.errors import JournalError, translated
-from services.runtime.secret import written_once
+from services.runtime.journal.errors import JournalError, JournalLocked, translated
+from services.runtime.journal.shard import Shard, shard_directory
+from services.runtime.journal.shards import (
+    holds_journal,
+    note_begun,
+    note_count,
+    noted_count,
+    shard_directories,
+)
 
 BRANCH = "-from"
 """What a branch's name has behind that of its origin: both lie in one shard, whose journal is copied."""
-COUNT_NAME = "shards"
-"""File of the data directory that says how many shards its sessions are spread over; without it, one."""
-SHARDS_MAX = 1_024
 
 
 def shard_of(session: str, shards: int) -> int:
@@ -23,29 +28,30 @@ def shard_of(session: str, shards: int) -> int:
 def agree_on_shards(data_dir: Path, shards: int) -> None:
     """Hold a data directory to the number of shards that it was begun with; the first to come says it.
 
-    Another number would look for sessions where they are not. Raises: JournalError.
+    Another number would look for sessions where they are not. Raises: JournalError, also when one of several
+    shards is gone.
     """
-    path = data_dir / COUNT_NAME
     with translated(data_dir):
         data_dir.mkdir(mode=0o700, parents=True, exist_ok=True)
         begun = any(data_dir.glob("shard-*"))
-    if shards > 1 and not (begun and not path.exists()):
-        with translated(path):
-            written_once(path, f"{shards}\n".encode())
-    agreed = _agreed(path)
+    noted = noted_count(data_dir)
+    if noted is None and shards > 1 and not begun:
+        note_count(data_dir, shards)
+        noted = noted_count(data_dir)
+    agreed = 1 if noted is None else noted.shards
     if agreed != shards:
         message = f"{data_dir}: its sessions lie in {agreed} shards, not in {shards}: pass --shards {agreed}"
         raise JournalError(message)
+    if noted is not None and noted.begun:
+        shard_directories(data_dir)
+    elif noted is not None:
+        _begin(data_dir, shards)
 
 
-def _agreed(path: Path) -> int:
-    try:
-        with translated(path):
-            text = path.read_bytes() if path.exists() else b"1"
-        agreed = int(text)
-    except ValueError:
-        agreed = 0
-    if not 1 <= agreed <= SHARDS_MAX:
-        message = f"{path}: not a number of shards: write the number of them that {path.parent} has"
-        raise JournalError(message)
-    return agreed
+def _begin(data_dir: Path, shards: int) -> None:
+    """Give every shard its files, so that from now on an absent one is a loss."""
+    for shard in range(shards):
+        if not holds_journal(shard_directory(data_dir, shard)):
+            with suppress(JournalLocked):  # another process of the pool is at it
+                Shard.open(data_dir, shard).close()
+    note_begun(data_dir, shards)

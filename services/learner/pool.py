@@ -4,6 +4,7 @@ A process of the pool has a thread for each shard that it holds, with a learner 
 shard says who has it, its epoch fences whoever had it before; what is announced only says when to try.
 """
 
+import gc
 import logging
 import queue
 import threading
@@ -177,6 +178,7 @@ class Holding(threading.Thread):
         except Exception as fault:
             log.exception("shard %d: its learner failed", shard)
             error = RuntimeError(f"{type(fault).__name__}: {fault}")
+        gc.unfreeze()  # of what stayed, this shard's sessions go
         self._tell(partial(self._ended, shard, error))
 
 

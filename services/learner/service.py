@@ -24,7 +24,8 @@ from services.learner.world import WorldDesk
 from services.runtime.bus import Bus, Presence
 from services.runtime.clock import Clock
 from services.runtime.durable_loop import DurableLoop, LoopSettings
-from services.runtime.journal.shard import Shard
+from services.runtime.journal.shard import Shard, shard_directory
+from services.runtime.journal.shards import gone, holds_journal
 from sfid_core.session.effects import (
     Announce,
     BeginEpisode,
@@ -266,8 +267,10 @@ def run(
 def opened(config: LearnerConfig, bus: Bus, clock: Clock) -> Iterator[Learner]:
     """Take the shard and every session of it up, and give them back at the end.
 
-    Raises: JournalError, as `Shard.open`, also when a session cannot be read.
+    Raises: JournalError, as `Shard.open`; also where the shard is gone, or a session cannot be read.
     """
+    if config.shards > 1 and not holds_journal(shard_directory(config.data_dir, config.shard)):
+        raise gone(config.data_dir, config.shard)
     recovery = Recovery()
     with Shard.open(config.data_dir, config.shard, recovery.begin) as shard:
         learner = Learner(config, bus, shard, clock)

@@ -13,7 +13,8 @@ from services.runtime.journal.errors import (
     JournalNewer,
 )
 from services.runtime.journal.shard import Shard, shard_directory
-from services.runtime.journal.verify import Verification, read_rows, shard_directories, verify
+from services.runtime.journal.shards import shard_directories
+from services.runtime.journal.verify import Verification, read_rows, verify
 
 __all__ = [
     "JournalDamaged",

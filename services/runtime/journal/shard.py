@@ -158,10 +158,11 @@ class Shard:
             raise self._refusal()
         if self._suspect:
             self._reopen()
+        # Also without a row: what is told after a commit must not be an owner's word that is none any more.
+        self._lock.check()
         group = self._group
         if not group.records:
             return
-        self._lock.check()
         try:
             self._store.advance(self.epoch, group.records[-1])
             self._mirror.write(b"".join(group.encoded))

@@ -14,6 +14,7 @@ from services.runtime.journal.erasing import is_interrupted
 from services.runtime.journal.errors import JournalError, translated
 from services.runtime.journal.lock import is_owned, read_epoch
 from services.runtime.journal.mirror import MirrorReader
+from services.runtime.journal.shards import shard_directories
 from services.runtime.journal.store import (
     SQLITE_NAME,
     open_read_only,
@@ -46,25 +47,12 @@ class Verification:
     erased: int = 0
 
 
-def shard_directories(data_dir: Path) -> list[Path]:
-    """Return the deployment's shards in order; JournalError when there is none."""
-    with translated(data_dir):
-        numbers = sorted(
-            int(path.name.removeprefix("shard-"))
-            for path in data_dir.iterdir()
-            if path.name.removeprefix("shard-").isdecimal() and path.name.startswith("shard-")
-        )
-    if not numbers:
-        message = f"{data_dir}: holds no journal; name the data directory of a learner"
-        raise JournalError(message)
-    return [data_dir / f"shard-{number}" for number in numbers]
-
-
 def verify(data_dir: Path) -> Verification:
     """Prove every row of every shard, also while a writer lives; changes nothing and never raises for damage.
 
     Checked: schema version, tables and indexes, that seq is dense, every seal and the whole chain, that the
-    head is its end, that both files hold the same rows byte for byte, that unique ids are unique.
+    head is its end, that both files hold the same rows byte for byte, that unique ids are unique; that no
+    shard is gone, and no session is in two.
     """
     problems: list[str] = []
     notes: list[str] = []
@@ -85,6 +73,9 @@ def verify(data_dir: Path) -> Verification:
             problems.append(f"{directory}: an erasing was interrupted; the next open completes it")
         problems += _epoch_problems(directory, found)
         notes += _notes(directory, found)
+        problems += [
+            f"{directory}: session {name} is in another shard too" for name in found.sessions & sessions
+        ]
         sessions |= found.sessions
         labels += found.labels
         rows += found.seq

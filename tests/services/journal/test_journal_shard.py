@@ -19,6 +19,7 @@ from services.runtime.journal import (
     verify,
 )
 from services.runtime.journal.shard import PENDING_BYTES_MAX
+from services.runtime.journal.shards import note_count
 
 Put = Callable[[Shard, Row], None]
 
@@ -96,6 +97,7 @@ def test_discarded_rows_leave_no_trace_and_their_numbers_are_used_again(
 def test_verification_counts_sessions_labels_and_rows_of_all_shards(
     closed_journal: Path, rows: list[Row]
 ) -> None:
+    note_count(closed_journal, 11)
     with Shard.open(closed_journal, 10) as shard:
         shard.append("t", "answer", b"", at_ns=-5)
     labels = sum(row.kind == "answer" for row in rows) + 1

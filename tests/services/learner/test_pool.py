@@ -247,9 +247,10 @@ def test_a_home_shard_that_is_broken_is_told_and_ends_the_process(building: Buil
 def test_a_broken_shard_takes_none_of_the_others_with_it(
     building: Building, caplog: pytest.LogCaptureFixture
 ) -> None:
-    shard_directory(building.data_dir, 2).mkdir(parents=True)
-    (building.data_dir / "shards").write_text("3\n")
-    (shard_directory(building.data_dir, 2) / "epoch").write_text("4\n")
+    agree_on_shards(building.data_dir, SHARDS)
+    Shard.open(building.data_dir, 2).close()
+    for path in shard_directory(building.data_dir, 2).iterdir():
+        path.write_bytes(b"not a journal")
     process = building.start(0)
     wait_for("it says so", lambda: "shard 2 has no learner here, the others go on" in caplog.text)
     wait_for("it has the others", lambda: process.holds == {0, 1})

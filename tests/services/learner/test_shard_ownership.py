@@ -31,7 +31,7 @@ def test_a_thousand_sessions_spread_evenly() -> None:
 def test_a_new_data_directory_is_held_to_the_first_number_of_shards(tmp_path: Path) -> None:
     agree_on_shards(tmp_path / "new", 3)
     agree_on_shards(tmp_path / "new", 3)
-    assert (tmp_path / "new" / "shards").read_text() == "3\n"
+    assert (tmp_path / "new" / "shards").read_text() == "3 begun\n"
     for other in (1, 2, 4):
         with pytest.raises(
             JournalError, match=r"new: its sessions lie in 3 shards, not in .: pass --shards 3$"

@@ -24,7 +24,7 @@ from protocol.messages import (
 )
 from protocol.session_union import fitting, union
 from services.learner.config import LearnerConfig
-from services.learner.ownership import shard_of
+from services.learner.ownership import agree_on_shards, shard_of
 from services.learner.service import Learner
 from services.runtime.bus import Reply
 from services.runtime.journal import JournalFenced, Shard, read_rows, shard_directory, verify
@@ -43,6 +43,7 @@ class School(Classroom):
         self.both, self.alone = MemoryBus(self.hub), MemoryBus(self.hub)
         self.learners: dict[int, Learner] = {}
         self.teacher = MemoryBus(self.hub)
+        agree_on_shards(self.data_dir, SHARDS)
         for shard in range(SHARDS):
             self.start_shard(shard, self.alone if shard == SHARDS - 1 else self.both)
 
@@ -257,6 +258,18 @@ def test_an_old_owner_that_wakes_up_is_fenced_before_it_says_anything(full: Scho
     assert [row.kind for row in read_rows(full.data_dir, name)].count("left") == 0
     assert [row.kind for row in read_rows(full.data_dir, name)].count("answer") == 2
     assert verify(full.data_dir).problems == ()
+
+
+@pytest.mark.parametrize("verb", ["list", "show", "rows"])
+def test_an_old_owner_that_wakes_up_answers_no_question(full: School, verb: str) -> None:
+    name = next(name for name in NAMES if shard_of(name, SHARDS) == 2)
+    (shard_directory(full.data_dir, 2) / "lock").unlink()
+    replies: list[Reply | None] = []
+    query = RowsQuery(session=name) if verb == "rows" else SessionQuery(session=name)
+    full.watcher.ask(KEYS.learner(verb), encode(query), replies.append, 60_000)
+    with pytest.raises(JournalFenced):
+        full.settle()
+    assert [reply for reply in replies if reply is not None and name.encode() in reply.payload] == []
 
 
 def test_a_list_that_fits_in_a_message_has_the_latest_of_everybody(full: School) -> None:
