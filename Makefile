@@ -26,7 +26,7 @@ demo: ## everything on this machine, with a scripted teacher
 
 bench: ## the figures of the README
 	for name in sokoban_step live_step boxoban_levels label_latency decisions experiment crowd \
-		page_participants; do \
+		page_participants sessions; do \
 		echo "== $$name" && $(bin)/python tests/benchmarks/$$name.py || exit 1; done
 
 # The locks name versions and hashes and no index, so that they install from any mirror.
