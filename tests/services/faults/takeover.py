@@ -220,11 +220,12 @@ def kill_one(sessions: int, learners: int, seconds: float, root: Path, victim: s
         chorus = Chorus(machines.bus(Role.TEACHER, machines.outer), names)
         chorus.start()
         wait_for("all are taught", lambda: all(chorus.count(name) >= LATER for name in names), START_S)
+        owner = {name: max(one.epoch for one in tuple(chorus.heard[name].values())) for name in moved}
         killed_s = time.monotonic()
         (machines.learners[0] if victim == "learner" else machines.router).kill()
         listed = len(operator.sessions().sessions)
         list_ms = round((time.monotonic() - killed_s) * 1000)
-        wait_for("all go on", lambda: all(chorus.count(name, 2) for name in moved), BACK_S)
+        wait_for("all go on", lambda: all(chorus.count(name, owner[name] + 1) for name in moved), BACK_S)
         going_s = time.monotonic()
         wait_for(
             "all are taught on",
@@ -240,7 +241,7 @@ def kill_one(sessions: int, learners: int, seconds: float, root: Path, victim: s
         machines.drain()
     heard = chorus.heard
     back_ms = sorted(
-        round((min(one.at_s for one in heard[name].values() if one.epoch > 1) - killed_s) * 1000)
+        round((min(one.at_s for one in heard[name].values() if one.epoch > owner[name]) - killed_s) * 1000)
         for name in moved
     )
     stayed = [one for name in names if name not in moved for one in heard[name].values()]
