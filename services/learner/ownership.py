@@ -1,16 +1,16 @@
 """Which shard of a data directory a session belongs to, and of how many shards there are."""
 
-from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
 
-from services.runtime.journal.errors import JournalError, JournalLocked, translated
+from services.runtime.journal.errors import JournalError, translated
 from services.runtime.journal.shard import Shard, shard_directory
 from services.runtime.journal.shards import (
     holds_journal,
     note_begun,
     note_count,
     noted_count,
+    one_at_a_time,
     shard_directories,
 )
 
@@ -50,8 +50,8 @@ def agree_on_shards(data_dir: Path, shards: int) -> None:
 
 def _begin(data_dir: Path, shards: int) -> None:
     """Give every shard its files, so that from now on an absent one is a loss."""
-    for shard in range(shards):
-        if not holds_journal(shard_directory(data_dir, shard)):
-            with suppress(JournalLocked):  # another process of the pool is at it
+    with one_at_a_time(data_dir):
+        for shard in range(shards):
+            if not holds_journal(shard_directory(data_dir, shard)):
                 Shard.open(data_dir, shard).close()
-    note_begun(data_dir, shards)
+        note_begun(data_dir, shards)

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -59,6 +63,18 @@ def note_begun(data_dir: Path, shards: int) -> None:
         part.unlink(missing_ok=True)
         written_once(part, f"{shards} {_BEGUN}\n".encode())
         part.replace(path)
+
+
+@contextmanager
+def one_at_a_time(data_dir: Path) -> Iterator[None]:
+    """Let one process after the other begin a data directory."""
+    with translated(data_dir):
+        directory = os.open(data_dir, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(directory, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(directory)
 
 
 def holds_journal(directory: Path) -> bool:
