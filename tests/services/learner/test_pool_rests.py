@@ -21,6 +21,7 @@ from services.runtime.memory_bus import MemoryBus, MemoryHub
 from tests.services.cli.command_line import wait_for
 
 MS = 1_000_000
+DEADLINE_S = 30.0
 KEYS = Keys("local")
 TAKEOVER_MS, SETTLE_MS, JITTER_MS = 100, 5_000, 20
 
@@ -72,11 +73,11 @@ def running(data_dir: Path, shards: int, home: int | None, line: Line) -> Iterat
     thread = threading.Thread(target=pool.run, args=(ready.set, stop), daemon=True)
     thread.start()
     try:
-        assert ready.wait(10)
+        assert ready.wait(DEADLINE_S)
         yield clock
     finally:
         stop.set()
-        thread.join(10)
+        thread.join(DEADLINE_S)
         assert not thread.is_alive()
 
 
@@ -132,7 +133,7 @@ def test_the_home_shard_too_is_taken_only_where_a_router_is_reached(tmp_path: Pa
     line.tell(True)  # noqa: FBT003 - as a bus calls it
     line.look_on()
     clock.advance(TAKEOVER_MS * MS)
-    ready = started.wait(10)
+    ready = started.wait(DEADLINE_S)
     stop.set()
-    thread.join(10)
+    thread.join(DEADLINE_S)
     assert (held, early, ready, thread.is_alive()) == (set(), False, True, False)
