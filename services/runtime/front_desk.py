@@ -112,7 +112,7 @@ class FrontDesk:
         self._loop.reply_durably(request, reply)
 
     def refuse(self, request: Request, error: Exception) -> None:
-        """Answer with an error; what is unreadable or invalid is counted by sender, logged at 1, 2, 4, 8 ..."""
+        """Answer with an error; what cannot be used is counted by sender and logged at 1, 2, 4, 8 ..."""
         if isinstance(error, Refused):
             request.reply_error(encode(error.reply))
             return
