@@ -37,10 +37,14 @@ def test_sessions_that_another_method_cannot_learn_from_are_named_and_the_others
     assert capsys.readouterr().out.splitlines()[-1] == f"s2: left out: {reason}"
 
 
-def test_where_no_session_fits_the_first_is_named_with_the_mend(tmp_path: Path) -> None:
+def test_where_no_session_fits_each_is_named_with_the_reason_and_the_mend(tmp_path: Path) -> None:
     data = recorded(tmp_path / "data")
-    with pytest.raises(CommandError, match=r"^session s1 \(and 1 more sessions\): method guidance asks for"):
+    told = "session {}: method guidance asks for guidance and reward, the session's {} asked for {}: choose"
+    with pytest.raises(CommandError) as refused:
         replay(data, method="guidance")
+    first, second = str(refused.value).split("; ")
+    assert first.startswith(told.format("s1", "sfid", "label"))
+    assert second.startswith(told.format("s2", "reward", "reward"))
 
 
 def test_parameters_are_refused_before_any_session_is_read(tmp_path: Path) -> None:
