@@ -1,6 +1,7 @@
 """Many sessions in one learner: what each takes, and what they share."""
 
 import gc
+import logging
 import tracemalloc
 from pathlib import Path
 
@@ -50,8 +51,12 @@ def forget_what_was_seen(room: Classroom) -> None:
     room.episodes.clear()
 
 
-def test_a_session_takes_at_most_ten_kilobytes_beside_its_table(room: Classroom) -> None:
+def test_a_session_takes_at_most_ten_kilobytes_beside_its_table(
+    room: Classroom, caplog: pytest.LogCaptureFixture
+) -> None:
     """Idle, and once thirty episodes are behind it. The tables here have a few rows and are counted in."""
+    caplog.set_level(logging.WARNING, "sfid")  # what is logged, the test's own handler would keep
+    caplog.set_level(logging.WARNING, "sfid.learner")
     room.create(session(session="first"))
     forget_what_was_seen(room)
     tracemalloc.start()
