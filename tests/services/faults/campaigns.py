@@ -193,7 +193,7 @@ FAULTS = (
           16, 400, _simulated(0)),
     Fault("simulator-long", f"the same: {DECISIONS} decisions, three teachers, 20 trials and more a seed",
           "every rule R0 to R10", "test_every_rule_holds_in_long_lessons_of_the_simulator",
-          2, 200, _simulated(DECISIONS)),
+          2, 1_500, _simulated(DECISIONS)),
 )  # fmt: skip
 UNITS = {"restart": "labels", "verify": "labels", "random-frames": "frames", "mutated-frames": "frames",
          "simulator": "seeds", "simulator-long": "seeds", "kills": "kills", "sync-kills": "kills",
