@@ -12,7 +12,7 @@ from services.runtime.bus import CALLBACK_FAILED, BusError, Presence, Received, 
 from services.runtime.callback_guard import CallbackGuard
 from services.runtime.faults import CALM, MS, Faults, Link, Observer, Seen
 from services.runtime.key_expression import checked_key, checked_key_expression, matches
-from services.runtime.replies import AnsweredOnce, Outcome, all_of, first_of
+from services.runtime.replies import AnsweredOnce, AsksServers, Outcome
 from services.runtime.timeline import Timeline, dice
 
 LOSS_NOTICED_NS = 1 * MS
@@ -112,7 +112,7 @@ class Parcel(NamedTuple):
     ask: int = 0
 
 
-class FaultyBus:
+class FaultyBus(AsksServers):
     """A Bus (see bus.py) by name on a hub; `heard` is called after everything that reached it."""
 
     def __init__(self, hub: FaultyHub, name: str, heard: Callable[[], None] = lambda: None) -> None:
@@ -166,16 +166,6 @@ class FaultyBus:
         server = _Server(self, key_expression, receive, shared)
         self.servers.append(server)
         return lambda: self.servers.remove(server) if server in self.servers else None
-
-    def ask(self, key: str, payload: bytes, receive: Callable[[Reply | None], None], timeout_ms: int) -> None:
-        """See Requests."""
-        self._ask(key, payload, lambda count: first_of(count, receive), timeout_ms)
-
-    def ask_all(
-        self, key: str, payload: bytes, receive: Callable[[tuple[Reply, ...]], None], timeout_ms: int
-    ) -> None:
-        """See Requests."""
-        self._ask(key, payload, lambda count: all_of(count, receive), timeout_ms)
 
     def _ask(self, key: str, payload: bytes, outcome_of: Callable[[int], Outcome], timeout_ms: int) -> None:
         checked_key(key)

@@ -11,7 +11,7 @@ from services.runtime.bus import CALLBACK_FAILED, BusError, Presence, Received, 
 from services.runtime.callback_guard import CallbackGuard
 from services.runtime.clock import Clock
 from services.runtime.key_expression import checked_key, checked_key_expression, matches
-from services.runtime.replies import AnsweredOnce, Outcome, all_of, first_of
+from services.runtime.replies import AnsweredOnce, AsksServers, Outcome
 
 T = TypeVar("T")
 
@@ -85,7 +85,7 @@ class MemoryHub:
             return None
 
 
-class MemoryBus:
+class MemoryBus(AsksServers):
     """A Bus (see bus.py) on a hub shared with other buses, or with nobody but itself."""
 
     def __init__(self, hub: MemoryHub | None = None) -> None:
@@ -130,16 +130,6 @@ class MemoryBus:
             server = _Declared(self, key_expression, receive, shared=shared)
             self.servers.append(server)
         return partial(self._withdraw, self.servers, server)
-
-    def ask(self, key: str, payload: bytes, receive: Callable[[Reply | None], None], timeout_ms: int) -> None:
-        """See Requests."""
-        self._ask(key, payload, lambda count: first_of(count, receive), timeout_ms)
-
-    def ask_all(
-        self, key: str, payload: bytes, receive: Callable[[tuple[Reply, ...]], None], timeout_ms: int
-    ) -> None:
-        """See Requests."""
-        self._ask(key, payload, lambda count: all_of(count, receive), timeout_ms)
 
     def _ask(self, key: str, payload: bytes, outcome_of: Callable[[int], Outcome], timeout_ms: int) -> None:
         checked_key(key)

@@ -1,5 +1,6 @@
 """What the buses have in common: a request that is answered once, and how several replies are one."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Protocol
 
@@ -64,6 +65,24 @@ def all_of(count: int, receive: Callable[[tuple[Reply, ...]], None]) -> Outcome:
             receive(tuple(replies))
 
     return take
+
+
+class AsksServers(ABC):
+    """The asking of a bus (Requests, see bus.py) that knows how many servers a question goes to."""
+
+    def ask(self, key: str, payload: bytes, receive: Outcome, timeout_ms: int) -> None:
+        """See Requests."""
+        self._ask(key, payload, lambda count: first_of(count, receive), timeout_ms)
+
+    def ask_all(
+        self, key: str, payload: bytes, receive: Callable[[tuple[Reply, ...]], None], timeout_ms: int
+    ) -> None:
+        """See Requests."""
+        self._ask(key, payload, lambda count: all_of(count, receive), timeout_ms)
+
+    @abstractmethod
+    def _ask(self, key: str, payload: bytes, outcome_of: Callable[[int], Outcome], timeout_ms: int) -> None:
+        """Ask every server of the key, and give what `outcome_of` their number returns each outcome."""
 
 
 class OpenAsk(Protocol):
