@@ -18,6 +18,7 @@ from services.operator import Operator
 from services.router import free_endpoint
 from services.runtime.signals import Stop
 from services.runtime.zenoh_bus import ZenohBus
+from services.supervisor import Supervisor
 from services.topology import Role
 from sfid_core.sokoban.levels import packaged
 
@@ -36,8 +37,8 @@ class Rig:
 
 
 @contextmanager
-def services() -> Iterator[Rig]:
-    """Yield real services in processes of their own, with a fresh data directory.
+def running() -> Iterator[tuple[launch.Deployed, Supervisor, ZenohBus]]:
+    """Yield real services in processes of their own, with a fresh data directory, and an operator's bus.
 
     The router asks nobody who they are, because bare peers beside the services use keys of their own.
     """
@@ -49,6 +50,13 @@ def services() -> Iterator[Rig]:
         supervisor.start(launch.environment(deployed), launch.learner(deployed))
         bus = launch.bus(deployed, Role.OPERATOR)
         stack.callback(bus.close)
+        yield deployed, supervisor, bus
+
+
+@contextmanager
+def services() -> Iterator[Rig]:
+    """Yield what runs, as most benchmarks use it."""
+    with running() as (deployed, _, bus):
         keys = Keys(deployed.deployment)
         yield Rig(deployed.endpoint, deployed.data, bus, keys, Operator(bus, keys))
 

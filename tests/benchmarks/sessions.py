@@ -20,7 +20,6 @@ import queue
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -39,12 +38,9 @@ from protocol.status_message import ServiceStatus
 from services.cli import launch
 from services.operations.status import ask
 from services.operator import Operator
-from services.router import free_endpoint
 from services.runtime.bus import Reply
-from services.runtime.signals import Stop
 from services.runtime.zenoh_bus import ZenohBus
 from services.supervisor import Supervisor
-from services.topology import Role
 
 HERE = Path(__file__).parent
 CLIENTS = 2
@@ -89,15 +85,8 @@ class House:
 
 @contextmanager
 def house() -> Iterator[House]:
-    """Yield fresh services that know nobody yet; the router is open, because bare peers are beside them."""
-    with tempfile.TemporaryDirectory(prefix="sfid-bench-") as name, ExitStack() as stack:
-        deployed = launch.Deployed(Path(name), free_endpoint(), "bench", guarded=False)
-        supervisor = launch.supervise(deployed.data, launch.make_directories(deployed.data), Stop())
-        stack.callback(supervisor.stop)
-        supervisor.start(launch.router(deployed))
-        supervisor.start(launch.environment(deployed), launch.learner(deployed))
-        bus = launch.bus(deployed, Role.OPERATOR)
-        stack.callback(bus.close)
+    """Yield fresh services that know nobody yet."""
+    with rig.running() as (deployed, supervisor, bus):
         keys = Keys(deployed.deployment)
         yield House(deployed, supervisor, bus, keys, Operator(bus, keys, patience_s=60.0))
 
