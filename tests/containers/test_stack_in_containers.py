@@ -200,6 +200,16 @@ def journaled(data: Path, session: str) -> Counter[str]:
     return Counter(one.answer_id.hex() for one in said)
 
 
+def miscounted(lesson: Lesson, data: Path) -> tuple[dict[str, int], dict[str, int]]:
+    """Return how many acknowledged answers are not in the journal, and how many more than once, by tally."""
+    lost, twice = {}, {}
+    for session, tally in zip(LESSONS, lesson.tallies, strict=True):
+        found = journaled(data, session)
+        lost[tally.name] = sum(found[one] == 0 for one in tally.ids)
+        twice[tally.name] = sum(count > 1 for count in found.values())
+    return lost, twice
+
+
 @pytest.mark.real
 @pytest.mark.timeout(1200)  # building without a cache takes minutes; the test itself has ALL_S
 def test_no_acknowledged_answer_is_lost_while_containers_are_stopped_killed_paused_and_cut_off(
@@ -226,15 +236,7 @@ def test_no_acknowledged_answer_is_lost_while_containers_are_stopped_killed_paus
         demo = json.loads(stack.operator("session", "show", "demo", "--json"))
         stack.tool("stop", "--time", STOP_S, *(stack.id_of(service) for service in reversed(SERVICES)))
         data = kept(stack, tmp_path)
-    found = {session: journaled(data, session) for session in LESSONS}
-    lost = {
-        tally.name: sum(found[session][one] == 0 for one in tally.ids)
-        for session, tally in zip(LESSONS, lesson.tallies, strict=True)
-    }
-    twice = {
-        tally.name: sum(count > 1 for count in found[session].values())
-        for session, tally in zip(LESSONS, lesson.tallies, strict=True)
-    }
+    lost, twice = miscounted(lesson, data)
     told = ", ".join(f"{len(tally.ids)} {tally.name}" for tally in lesson.tallies)
     with capsys.disabled():
         sys.stdout.write(
