@@ -1,6 +1,7 @@
 """Between the wire's messages and the core's types: action names and numbers, texts and enums."""
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from math import inf
 
 from protocol import messages as wire
@@ -41,17 +42,17 @@ def config_of(message: wire.CreateSession) -> SessionConfig:
 
 
 def _world_spec(world: wire.World | wire.GymWorld) -> WorldSpec:
-    if isinstance(world, wire.GymWorld):
-        goal = inf if world.goal_reward is None else world.goal_reward
-        return WorldSpec(
-            "",
-            world.level_name,
-            world.starts,
-            goal,
-            world.step_reward,
-            deadlock_reward=-inf,
-            steps_max=world.steps_max,
-        )
+    if isinstance(world, wire.World):
+        return _sokoban(world)
+    goal = inf if world.goal_reward is None else world.goal_reward
+    return WorldSpec(
+        "", world.level_name, world.starts, goal, world.step_reward, deadlock_reward=-inf,
+        steps_max=world.steps_max,
+    )  # fmt: skip
+
+
+@lru_cache(256)  # shared by all sessions of a world
+def _sokoban(world: wire.World) -> WorldSpec:
     return WorldSpec(
         world.level,
         world.level_name,
@@ -63,6 +64,7 @@ def _world_spec(world: wire.World | wire.GymWorld) -> WorldSpec:
     )
 
 
+@lru_cache(256)  # shared by all sessions of a window
 def window_of(spec: wire.WindowSpec) -> Window:
     """Return the core's window."""
     return Window(WindowMode(spec.mode), spec.span_ms, spec.quorum)

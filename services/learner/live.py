@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from protocol.journal import Folded
 from protocol.keys import Keys
-from protocol.messages import CreateSession, GymWorld
+from protocol.messages import CreateSession, GymWorld, WindowSpec, World
 from protocol.translate import action_names, config_of
 from sfid_core.session.state import Session, new_session
 
@@ -73,8 +73,16 @@ def recovered(folded: Folded, keys: Keys) -> LiveSession:
 
 
 def _thrifty(config: CreateSession) -> CreateSession:
-    """Return an equal configuration that shares its level's text (up to 16 KB) with all of that level."""
-    world = config.world
-    if isinstance(world, GymWorld):
-        return config
-    return replace(config, world=replace(world, level=sys.intern(world.level)))
+    """Return an equal configuration that shares its window and its world (up to 16 KB) with all of those."""
+    world = config.world if isinstance(config.world, GymWorld) else _shared_world(config.world)
+    return replace(config, world=world, window=_shared_window(config.window))
+
+
+@lru_cache(256)
+def _shared_world(world: World) -> World:
+    return replace(world, level=sys.intern(world.level))  # also where more worlds than these are in use
+
+
+@lru_cache(256)
+def _shared_window(window: WindowSpec) -> WindowSpec:
+    return window

@@ -7,8 +7,9 @@ from typing import NamedTuple
 from sfid_core.outcome import Outcome
 from sfid_core.session.measures import EpisodeMeasures
 
-_ROW = Struct("<qQIIiddddIIB")
-"""69 bytes, where the objects take some 330: at_ns, decision, and the measures in their order."""
+_ROW = Struct("<qQIiddddIIB")
+"""65 bytes, where the objects take some 330: at_ns, decision, and the measures in their order but for the
+number of the episode, which is its place."""
 _OUTCOMES = tuple(Outcome)
 _UNKNOWN_STEPS = -1
 
@@ -30,12 +31,11 @@ class EpisodeLog:
         self._rows = bytearray()
 
     def append(self, at_ns: int, decision: int, measures: EpisodeMeasures) -> None:
-        """Add the episode that ended just now; `decision` is the first one after it."""
+        """Add the episode that ended just now, the next by number; `decision` is the first one after it."""
         steps = _UNKNOWN_STEPS if measures.optimal_steps is None else measures.optimal_steps
         self._rows += _ROW.pack(
             at_ns,
             decision,
-            measures.episode,
             measures.steps,
             steps,
             measures.abs_td_error,
@@ -78,10 +78,10 @@ class EpisodeLog:
 
     def _at(self, number: int) -> Ended:
         row = _ROW.unpack_from(self._rows, number * _ROW.size)
-        at_ns, decision, episode, steps, optimal = row[:5]
-        td_error, shaped, discounted, environment, inputs, agreements, outcome = row[5:]
+        at_ns, decision, steps, optimal = row[:4]
+        td_error, shaped, discounted, environment, inputs, agreements, outcome = row[4:]
         measures = EpisodeMeasures(
-            episode,
+            number,
             steps,
             None if optimal == _UNKNOWN_STEPS else optimal,
             td_error,
