@@ -19,7 +19,7 @@ EPISODES = 30
 BYTES_A_SESSION = 10_240
 WINDOW_MS = 10
 FRAMES = 4
-"""Of each allocation; enough to tell what the environment made from what the learner made in the same file."""
+"""Of each allocation; enough to tell what the environment made from what the learner made."""
 NOT_THE_LEARNER = (
     "*/sfid_core/sokoban/*",
     "*/tests/*",
@@ -49,7 +49,9 @@ def learners_bytes() -> int:
     """Return what is allocated now, but by the environment, the bus in memory and this test."""
     gc.collect()
     hidden = [tracemalloc.Filter(inclusive=False, filename_pattern=name) for name in NOT_THE_LEARNER]
-    hidden.append(tracemalloc.Filter(False, "*/services/environment.py", all_frames=True))
+    hidden.append(
+        tracemalloc.Filter(inclusive=False, filename_pattern="*/services/environment.py", all_frames=True)
+    )
     return sum(trace.size for trace in tracemalloc.take_snapshot().filter_traces(hidden).traces)
 
 
