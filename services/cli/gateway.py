@@ -3,8 +3,10 @@
 import io
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
+from urllib.parse import urlsplit
 
 import typer
 
@@ -24,6 +26,9 @@ from services.cli.options import (
     print_json,
 )
 from services.cli.waiting import service_bus
+from services.cli.whereabouts import ToldConnect, ToldDeployment, Whereabouts, whereabouts
+from services.runtime.endpoint import is_loopback
+from services.topology import CROWD
 from services.topology import Role as BusRole
 
 PEOPLE = 30
@@ -105,6 +110,8 @@ def invite(  # noqa: PLR0917 - one argument a flag
         str | None, typer.Option(help="Address of the page; default: the running gateway's.")
     ] = None,
     data: Data = DATA,
+    connect: ToldConnect = None,
+    deployment: ToldDeployment = None,
     as_json: Json = False,
 ) -> None:
     """Make a link to the teaching page: for one person with --name, else one for a whole class."""
@@ -122,29 +129,45 @@ def invite(  # noqa: PLR0917 - one argument a flag
                 "invite each by their own name"
             )
         given = PEOPLE if people is None else people
+        where = whereabouts(data, connect, deployment)
         made = _link(data, checked(session, "session"), name, given, hours, url)
     except GatewayError as error:
         raise CommandError(str(error)) from None
-    if not _is_there(data, session):
-        print(
-            f"no session {session} in {data} yet: whoever follows the link waits until there is one "
-            f"({suggested(f'session create {session}')} on its router creates it)",
-            file=sys.stderr,
-        )
+    page = made["url"].partition("/#")[0] if url is None else None
+    for line in _notes(data, session, where, page):
+        print(line, file=sys.stderr)
     if as_json:
         print_json(made)
         return
     _print_link(made, data, qr=qr)
 
 
-def _is_there(data: Path, session: str) -> bool:
-    """Tell whether the deployment's journal knows the session."""
+def _notes(data: Path, session: str, where: Whereabouts, page: str | None) -> Iterator[str]:
+    """Yield what whoever invites should know: of the session, and of who can open the page.
+
+    Args: page: its address; None where whoever invites has said it.
+    """
+    there = _is_there(data, session)
+    if there is None:
+        yield f"cannot see the learner's sessions in {data}, so the name {session} is not checked"
+    elif not there:
+        create = suggested(f"session create {session}", where.connect, where.deployment.removesuffix(CROWD))
+        yield (
+            f"no session {session} in {data} yet: whoever follows the link waits until there is one "
+            f"({create} creates it)"
+        )
+    if page and not where.is_here and is_loopback(f"tcp/{urlsplit(page).hostname}:1"):
+        yield f"{page} opens on its own machine only: where people have another address for it, pass --url"
+
+
+def _is_there(data: Path, session: str) -> bool | None:
+    """Tell whether the deployment's journal knows the session; None where there is no journal to see."""
     from services.runtime.journal import JournalError, read_rows
 
     try:
         return next(read_rows(data, session), None) is not None
-    except JournalError:  # no learner has been here
-        return False
+    except JournalError:  # no learner has been here: it may keep its journal on another machine
+        return None
 
 
 def _address(data: Path) -> str:

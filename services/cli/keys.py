@@ -3,6 +3,7 @@
 import os
 import time
 from pathlib import Path
+from shlex import quote
 from typing import Annotated, Any
 
 import typer
@@ -12,16 +13,20 @@ from protocol.keys import checked
 from services.cli.failure import NOT_SO, CommandError
 from services.cli.next_command import suggested
 from services.cli.options import DATA, Data, Json, print_json
+from services.cli.whereabouts import ToldConnect, ToldDeployment, whereabouts
 from services.operations.withdrawal import revoke_person
 from services.runtime.register import Issued, Register, new_token_id
 from services.runtime.secret import FOLDER, load_secrets
 from services.teachers.token_file import KEY_MARK
+from services.topology import teaching_role
 
 HOUR_S = 3600
 HOURS_MAX = 24 * 366
 keys_app = typer.Typer(
     help="Hand out, list and withdraw the tokens of teachers.", no_args_is_help=True, rich_markup_mode=None
 )
+_FOLDER = Path("FOLDER")
+"""What stands for the directory of a teacher's login where nobody has said it."""
 Hours = Annotated[float, typer.Option(help="How long it is good for, in hours, at most a year.")]
 
 
@@ -31,7 +36,7 @@ def add_to(app: typer.Typer) -> None:
 
 
 @keys_app.command()
-def new(
+def new(  # noqa: PLR0917 - one argument a flag
     name: Annotated[str, typer.Argument(help="Pseudonym of the teacher: a-z, 0-9, - and _.")],
     session: Annotated[str, typer.Option(help="Session that they may teach.")],
     hours: Hours = 24.0,
@@ -40,23 +45,36 @@ def new(
         typer.Option(help="File for the token, which must not be there yet; default: NAME.token."),
     ] = None,
     data: Data = DATA,
+    connect: ToldConnect = None,
+    deployment: ToldDeployment = None,
+    access: Annotated[
+        Path | None,
+        typer.Option(help="Directory of the teacher's login on their machine, for the printed command."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Make a token for one teacher, in a file that its owner alone can read."""
     identity = person(checked(name, "teacher"), checked(session, "session"), hours)
     path = out or Path(f"{name}.token")
+    where = whereabouts(data, connect, deployment)
+    words = f"teach keyboard --session {session} --name {name} --token-file {quote(str(path))}"
+    teach = suggested(words, where.connect, where.deployment, access or (None if where.is_here else _FOLDER))
     token = issued(data, identity)
     key = check_key(session, name, tuple(load_secrets(data / FOLDER)))
     _write(path, f"{token}\n{KEY_MARK} {key.hex()}\n")
     if as_json:
         print_json({
             "id": identity.token_id, "name": name, "session": session, "expires_s": identity.expires_s,
-            "file": str(path),
+            "file": str(path), "teach": teach.strip("`"),
         })  # fmt: skip
         return
     print(f"{path}: {name} may teach {session} until {_moment(identity.expires_s)}; id {identity.token_id}")
-    elsewhere = "they teach with (on another machine also its --connect and --access)"
-    print(f"{elsewhere}: sfid teach keyboard --session {session} --name {name} --token-file {path}")
+    if where.is_here:
+        print(f"they teach on this machine with {teach}, elsewhere also with their --connect and --access")
+    else:
+        role = teaching_role(where.deployment).value
+        kept = f"; {_FOLDER} is where they keep {role}.login and, for tls/, ca.pem, {role}.pem, {role}.key"
+        print(f"they teach with {teach}{'' if access else kept}")
     print(f"withdraw it: {suggested(f'keys revoke {identity.token_id}', data=data)}")
 
 

@@ -13,6 +13,7 @@ from services.cli import launch
 from services.cli.failure import CommandError
 from services.cli.next_command import suggested
 from services.cli.waiting import stoppable
+from services.cli.whereabouts import note_whereabouts
 from services.runtime.config import Config, ConfigError, read_config
 from services.runtime.endpoint import is_loopback
 from services.runtime.log_config import configure
@@ -106,6 +107,7 @@ def _run(
     supervisor = launch.supervise(deployed.data, None, stop)
     try:
         supervisor.start(launch.router(deployed))
+        note_whereabouts(deployed.data, deployed.endpoint, deployed.deployment)
         services = [launch.environment(deployed), *launch.learners(deployed, settings.learner.shards)]
         section = settings.monitor
         if section.enabled:

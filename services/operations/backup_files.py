@@ -9,7 +9,7 @@ from typing import BinaryIO
 _LEFT_OUT = re.compile(
     r"""
     (^|/)(logs|recordings|kernels-[^/]*|shard-[0-9]+(\.part)?)/   # made again, or copied by themselves
-    | \.(rrd|part|sock|log)$ | \.damaged- | (^|/)(processes\.json|lock|outbox[^/]*)$
+    | \.(rrd|part|sock|log)$ | \.damaged- | (^|/)((processes|deployment)\.json|lock|outbox[^/]*)$
     """,
     re.VERBOSE,
 )
@@ -19,8 +19,8 @@ _CHUNK_BYTES = 1 << 20
 def is_left_out(name: Path) -> bool:
     """Tell whether a file, by its path below the data directory, is no part of a backup.
 
-    Recordings can be made from the journal again; logs and lists of processes belong to the machine; what a
-    teacher has not sent yet is the teacher's own.
+    Recordings can be made from the journal again; logs, lists of processes and the router's address belong to
+    the machine; what a teacher has not sent yet is the teacher's own.
     """
     return _LEFT_OUT.search(name.as_posix()) is not None
 

@@ -4,14 +4,19 @@ import json
 import stat
 import time
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
+import pytest
+
 from protocol.identity import TokenFault, verify
+from services.cli.options import ENDPOINT
+from services.cli.whereabouts import note_whereabouts
 from services.runtime.clock import SystemClock
 from services.runtime.doorkeeper import DoorFault, Doorkeeper
 from services.runtime.secret import load_secrets
 from services.teachers.token_file import read_token
-from tests.services.cli.command_line import sfid
+from tests.services.cli.command_line import Done, sfid
 
 
 def keys(data: Path, *arguments: str) -> dict[str, Any]:
@@ -33,9 +38,42 @@ def test_a_token_is_a_private_file_and_is_told_nowhere_else(tmp_path: Path) -> N
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
     assert token.partition(".")[0] not in done.stdout + done.stderr
     assert f"sfid keys revoke {identity.token_id}" in done.stdout
-    assert "they teach with (on another machine also its --connect and --access): sfid teach" in done.stdout
+    assert (
+        f"they teach on this machine with `sfid teach keyboard --session s1 --name ann --token-file {file}`, "
+        "elsewhere also with their --connect and --access"
+    ) in done.stdout
     for path in data.rglob("*"):
         assert not path.is_file() or token.encode() not in path.read_bytes()
+
+
+LAB, TOWN = "tls/192.0.2.7:7447", "tls/198.51.100.9:7447"
+
+
+@pytest.mark.parametrize("flags, where", [
+    ((), f"--connect {LAB} --deployment lab --access FOLDER"),
+    (("--connect", TOWN, "--access", "town"), f"--connect {TOWN} --deployment lab --access town"),
+    (("--deployment", "local"), f"--connect {LAB} --access FOLDER"),
+    (("--connect", ENDPOINT, "--deployment", "lab-crowd"), "--deployment lab-crowd"),
+])  # fmt: skip
+def test_the_teachers_command_says_where_the_router_of_the_deployment_is(
+    tmp_path: Path, flags: tuple[str, ...], where: str
+) -> None:
+    note_whereabouts(tmp_path, LAB, "lab")
+    new = ("keys", "new", "ann", "--session", "s1", "--data", str(tmp_path), *flags, "--out")
+    for file, more in (("my token", ()), ("again", ("--json",))):
+        done = sfid(*new, file, *more, cwd=tmp_path)
+        command = f"sfid teach keyboard --session s1 --name ann --token-file {quote(file)} {where}"
+        if more:
+            assert json.loads(done.stdout)["teach"] == command
+        else:
+            assert f"`{command}`" in done.stdout
+            assert ("FOLDER is where they keep teacher.login" in done.stdout) == ("FOLDER" in where)
+
+
+def test_a_router_that_cannot_be_is_refused_before_a_token_is_made(tmp_path: Path) -> None:
+    done = sfid("keys", "new", "ann", "--session", "s1", "--connect", "here", cwd=tmp_path)
+    said = "sfid: endpoint 'here' is not of the form tcp/HOST:PORT, as in tcp/127.0.0.1:7447\n"
+    assert (done, list(tmp_path.iterdir())) == (Done(2, "", said), [])
 
 
 def test_what_is_withdrawn_by_id_or_by_name_is_refused_at_the_next_answer(tmp_path: Path) -> None:

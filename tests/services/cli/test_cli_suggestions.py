@@ -11,6 +11,7 @@ from services.cli.next_command import suggested
 from services.cli.options import DATA, ENDPOINT
 from services.cli.session_source import condition_named
 from services.cli.up import told
+from services.cli.whereabouts import note_whereabouts
 from tests.services.aggregator.crowd_room import CrowdRoom
 from tests.services.cli.command_line import Done, sfid
 from tests.services.learner.classroom import Classroom, Pupil, session
@@ -84,6 +85,40 @@ def test_a_session_in_which_nobody_spoke_is_told_from_one_that_is_not_there(jour
     done = sfid("said", str(journal), "--session", "s3")
     said = f"sfid: {journal}: nobody has said anything in session s3 yet: `sfid teach` teaches it\n"
     assert done == Done(1, "", said)
+
+
+INVITE = ("invite", "--session", "s9", "--no-qr", "--data")
+
+
+def test_who_invites_to_a_session_that_is_not_there_is_told_how_its_router_creates_it(journal: Path) -> None:
+    note_whereabouts(journal, "tls/192.0.2.7:7447", "lab-crowd")
+    create = "sfid session create s9 --connect tls/192.0.2.7:7447 --deployment lab"
+    done = sfid(*INVITE, str(journal), "--url", "https://teach.example")
+    assert done.code == 0
+    assert done.stderr == (
+        f"no session s9 in {journal} yet: whoever follows the link waits until there is one "
+        f"(`{create}` creates it)\n"
+    )
+
+
+def test_who_invites_where_no_learner_keeps_its_sessions_is_told_that_the_name_is_not_checked(
+    tmp_path: Path,
+) -> None:
+    done = sfid(*INVITE, str(tmp_path), "--url", "https://teach.example")
+    said = f"cannot see the learner's sessions in {tmp_path}, so the name s9 is not checked\n"
+    assert (done.code, done.stderr) == (0, said)
+    assert done.stdout.startswith("https://teach.example/#t=")
+
+
+def test_who_invites_people_elsewhere_to_a_page_of_this_machine_is_told(tmp_path: Path) -> None:
+    status = tmp_path / "gateway" / "status.json"
+    status.parent.mkdir()
+    status.write_text(json.dumps({"url": "http://127.0.0.1:7480"}))
+    far, page = ("--connect", "tls/192.0.2.7:7447"), "http://127.0.0.1:7480"
+    only = f"{page} opens on its own machine only: where people have another address for it, pass --url"
+    assert sfid(*INVITE, str(tmp_path), *far).stderr.splitlines()[1:] == [only]
+    assert sfid(*INVITE, str(tmp_path), *far, "--url", page).stderr.count("\n") == 1
+    assert sfid(*INVITE, str(tmp_path)).stderr.count("\n") == 1
 
 
 class OneDirectory(CrowdRoom):

@@ -1,5 +1,6 @@
 """`sfid up --require-tokens`: an invitation in a file lets a teacher at a terminal in; a name does not."""
 
+import json
 from pathlib import Path
 
 from services.router import free_endpoint
@@ -25,6 +26,12 @@ def test_only_who_was_invited_teaches_a_deployment_that_requires_tokens(tmp_path
         kept.write_text(invited.stdout, encoding="utf-8")
         done = sfid(*teach, "--token-file", str(kept))
         assert done.code == 0, done.stderr
+        # The data directory knows its router: the command for somebody else needs no word of it.
+        handed = sfid("keys", "new", "bea", "--session", "maze", "--data", str(data),
+                      "--out", str(tmp_path / "bea"), "--json")  # fmt: skip
+        assert json.loads(handed.stdout)["teach"].endswith(
+            f" --token-file {tmp_path / 'bea'} --connect {where}"
+        )
     token = invited.stdout.partition("#t=")[2].split()[0]
     assert token not in log.read_text() + done.stderr + uninvited.stderr
     for path in data.rglob("*"):

@@ -80,7 +80,7 @@ def test_a_person_is_shown_a_code_to_scan_and_how_to_withdraw_it(data: Path) -> 
     code, out, err = sfid("invite", "--session", "s1", "--data", str(data))
     lines = out.splitlines()
     assert code == 0
-    assert err.splitlines()[-1].startswith(f"no session s1 in {data} yet: ")
+    assert err.splitlines()[-1].startswith(f"cannot see the learner's sessions in {data}, so ")
     assert sum("█" in line for line in lines) > 15
     assert lines[-3].startswith(f"{read_status(data)['url']}/#t=")
     assert lines[-1].startswith("withdraw it: `sfid invite --revoke ")

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from services.cli.whereabouts import note_whereabouts
 from services.operations.backup import MANIFEST, Backup, BackupError, backup
 from services.replay import replay_directory
 from services.runtime.clock import SystemClock
@@ -38,6 +39,7 @@ def test_a_backup_holds_every_row_proves_itself_and_replays_to_the_same_table(tm
     secret.chmod(0o600)
     (data / "logs").mkdir()
     (data / "logs" / "learner.log").write_text("not a part of it\n")
+    note_whereabouts(data, "tls/192.0.2.7:7447", "local")  # the machine's, and not a part of it either
     done = copied(data, out)
     assert rows_of(out) == rows_of(data)
     assert (verify(out).ok, done.rows) == (True, len(rows_of(data)))
@@ -98,6 +100,7 @@ def test_what_was_acknowledged_before_a_backup_began_is_in_it_while_the_writer_g
 KILLED = """
 import os, signal, sys
 from pathlib import Path
+from services.cli.whereabouts import note_whereabouts
 from services.operations.backup import backup
 from services.runtime.clock import SystemClock
 
