@@ -1,5 +1,6 @@
 """Between the wire's messages and the core's types: action names and numbers, texts and enums."""
 
+import sys
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from math import inf
@@ -54,7 +55,7 @@ def _world_spec(world: wire.World | wire.GymWorld) -> WorldSpec:
 @lru_cache(256)  # shared by all sessions of a world
 def _sokoban(world: wire.World) -> WorldSpec:
     return WorldSpec(
-        world.level,
+        sys.intern(world.level),  # of equal worlds any may come first
         world.level_name,
         world.starts,
         world.goal_reward,

@@ -5,6 +5,7 @@ that want the compiler come last.
 """
 
 import os
+import signal
 import subprocess
 import sys
 
@@ -19,6 +20,8 @@ AHEAD = pytest.StashKey[subprocess.Popen[bytes]]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    # A shell starts what runs in the background deaf to interruptions, and processes inherit that.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     cache: pytest.Cache | None = getattr(config, "cache", None)  # there is none with `-p no:cacheprovider`
     if cache is not None:
         os.environ.setdefault("NUMBA_CACHE_DIR", str(cache.mkdir(f"kernels-{core_digest()[:16]}")))

@@ -9,6 +9,7 @@ import msgspec
 import pytest
 
 from protocol.messages import CreateSession, Join, WindowSpec, World
+from protocol.translate import config_of
 from protocol.world_messages import Begin, Begun
 from services.environment import Environment
 from sfid_core.sokoban.levels import packaged
@@ -93,6 +94,10 @@ def test_a_session_takes_at_most_ten_kilobytes_beside_its_table(
 
 
 def test_sessions_of_one_level_share_its_text_also_after_a_restart(room: Classroom) -> None:
+    another = session(
+        world=World(level="".join(ROOM.splitlines(keepends=True)), level_name="room", starts="4")
+    )
+    assert config_of(another).world.level == ROOM  # as somebody in this process may have read it before
     for name in ("s1", "s2"):
         room.create(session(session=name))
     for _ in range(2):
