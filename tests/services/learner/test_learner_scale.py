@@ -94,12 +94,13 @@ def test_a_session_takes_at_most_ten_kilobytes_beside_its_table(
 
 
 def test_sessions_of_one_level_share_its_text_also_after_a_restart(room: Classroom) -> None:
-    another = session(
-        world=World(level="".join(ROOM.splitlines(keepends=True)), level_name="room", starts="4")
-    )
-    assert config_of(another).world.level == ROOM  # as somebody in this process may have read it before
+    def world(level: str) -> World:
+        return World(level=level, level_name="shared", starts="4")
+
+    copied = "".join(ROOM.splitlines(keepends=True))
+    assert config_of(session(world=world(copied))).world.level == ROOM  # somebody has read an equal one
     for name in ("s1", "s2"):
-        room.create(session(session=name))
+        room.create(session(session=name, world=world(ROOM)))
     for _ in range(2):
         one, other = (room.learner.sessions[name] for name in ("s1", "s2"))
         assert isinstance(one.config.world, World)
