@@ -1,11 +1,14 @@
 """MACHINES.md: what it names is there, and its sums are right."""
 
 import re
+import subprocess
 from pathlib import Path
 
 import pytest
+import yaml
 
 from services.runtime.zenoh_config import LinkLimits
+from tests.services.cli.command_line import sfid
 from tests.test_security_page import known_tests
 
 ROOT = Path(__file__).parent.parent
@@ -21,6 +24,26 @@ def test_every_test_and_file_that_the_page_names_exists() -> None:
     modules = re.findall(r"python -m (tests[\w.]+\w)", PAGE)
     assert modules
     assert [name for name in modules if not (ROOT / f"{name.replace('.', '/')}.py").is_file()] == []
+
+
+def test_the_command_for_a_teacher_is_the_one_that_the_page_goes_on_with(tmp_path: Path) -> None:
+    (new,) = re.findall(r"^ {4}sfid (keys new .+)$", PAGE, re.MULTILINE)
+    (teach,) = re.findall(r"^ {4}(sfid teach keyboard .+)$", PAGE, re.MULTILINE)
+    done = sfid(*new.split(), cwd=tmp_path)
+    assert done.code == 0, done.stderr
+    assert f"they teach with `{teach}`" in done.stdout.splitlines()
+
+
+def test_machines_are_set_as_containers_are(tmp_path: Path) -> None:
+    block = PAGE.partition("\n## A router that moves\n")[2].partition("\n## ")[0]
+    write, load = re.findall(r"^ {4}(.+)$", block, re.MULTILINE)
+    path = write.rpartition(" > ")[2]
+    subprocess.run(["bash", "-ec", write.replace("/etc/sysctl.d", str(tmp_path))], check=True)
+    compose = yaml.safe_load((ROOT / "compose.yaml").read_text(encoding="utf-8"))
+    assert (tmp_path / Path(path).name).read_text().split() == compose["x-service"]["sysctls"]
+    assert load == f"sysctl -p {path}"
+    told = re.findall(r"^\| `(tcp_\w+)` \|[^|]*\| (\d+): ", block, re.MULTILINE)
+    assert [f"net.ipv4.{name}={value}" for name, value in told] == compose["x-service"]["sysctls"]
 
 
 def test_every_cost_of_the_capacity_says_how_it_is_known() -> None:
