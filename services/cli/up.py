@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from services.cli import launch
+from services.cli.config_keys import show_keys
 from services.cli.failure import CommandError
 from services.cli.next_command import suggested
 from services.cli.waiting import stoppable
@@ -36,7 +37,7 @@ def add_to(app: typer.Typer) -> None:
 
 
 def up(
-    config: Annotated[Path | None, typer.Option(help="TOML file; see README for its keys.")] = None,
+    config: Annotated[Path | None, typer.Option(help="TOML file; --keys shows its keys.")] = None,
     data: Annotated[Path | None, typer.Option(help="Data directory; overrides the file.")] = None,
     listen: Annotated[str | None, typer.Option(help="Endpoint of the router; overrides the file.")] = None,
     viewer: Annotated[bool | None, typer.Option(help="Serve Rerun viewers; overrides the file.")] = None,
@@ -47,6 +48,15 @@ def up(
         bool | None, typer.Option(help="Let a crowd teach as one teacher; overrides the file.")
     ] = None,
     require_tokens: RequireTokens = None,
+    _keys: Annotated[
+        bool,
+        typer.Option(
+            "--keys",
+            callback=show_keys,
+            is_eager=True,
+            help="Start nothing: print a file of all keys at their defaults, with what each means and takes.",
+        ),
+    ] = False,
 ) -> None:
     """Run router, environment, learner, monitor, gateway and crowd as asked; revive what dies."""
     try:
