@@ -40,12 +40,14 @@ def methods(name: Name = None, as_json: Json = False) -> None:
     for method in METHODS.values():
         table.add_row(method.name, asks(method), method.summary)
     print_whole(table)
+    print("`sfid methods NAME` tells its parameters: default, range or choices, meaning and source")
 
 
 def teachers(name: Name = None, as_json: Json = False) -> None:
     """List the simulated teachers; with a NAME, their faults and habits."""
     if name is not None:
-        _show(name, PERSONAS[name].summary if name in PERSONAS else "", persona_named(name), as_json=as_json)
+        summary = PERSONAS[name].summary if name in PERSONAS else ""
+        _show(name, summary, persona_named(name), "value", as_json=as_json)
         return
     if as_json:
         print_json([_persona_document(each) for each in PERSONAS])
@@ -54,6 +56,7 @@ def teachers(name: Name = None, as_json: Json = False) -> None:
     for each, persona in PERSONAS.items():
         table.add_row(each, persona.summary)
     print_whole(table)
+    print("`sfid teachers NAME` tells their faults and habits: value, range or choices, meaning and source")
 
 
 def asks(method: Method) -> str:
@@ -65,16 +68,22 @@ def _show_method(method: Method, *, as_json: bool) -> None:
     if as_json:
         print_json(_method_document(method))
         return
-    _show(method.name, f"{method.summary}\nsource: {method.source}", method.parameters(), as_json=False)
+    _show(
+        method.name,
+        f"{method.summary}\nsource: {method.source}",
+        method.parameters(),
+        "default",
+        as_json=False,
+    )
 
 
-def _show(name: str, what: str, parameters: Any, *, as_json: bool) -> None:  # noqa: ANN401 - each has its own
+def _show(name: str, what: str, parameters: Any, said: str, *, as_json: bool) -> None:  # noqa: ANN401 - each has its own
     if as_json:
         print_json(_persona_document(name) | {"parameters": parameter_rows(parameters)})
         return
     console = Console()
     console.print(f"{name}: {what}", highlight=False)
-    table = _table("parameter", "value", "range or choices", "meaning")
+    table = _table("parameter", said, "range or choices", "meaning")
     for row in parameter_rows(parameters):
         source = f" ({row['source']})" if row["source"] else ""
         table.add_row(str(row["name"]), str(row["value"]), str(row["range"]), f"{row['meaning']}{source}")

@@ -7,6 +7,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from services.cli.experiment_settings import print_settings, settings_of
 from services.cli.experiment_shared import (
     Out,
     Plain,
@@ -60,17 +61,22 @@ def circuits(
         grid = total_grid(summaries, f"success_{experiment.EPISODES}", "Share of the starts solved")
         dots = [Dots("circuits", grid, (0.0, 1.0))]
         files = write_total_files(out, "circuits", arms, claims, numbers, dots)
+    settings = [
+        one for case in experiment.CASES for one in settings_of(case.name, case.method, case.parameters)
+    ]
     if as_json:
         print_json({
             "seeds": seeds, "seconds": run.seconds, "sha256": run.sha256, "minima": minima,
             "cases": [_case(summary, case) for summary, case in
                       zip(summaries, experiment.CASES, strict=True)],
-            "claims": [claim.document() for claim in claims], "files": [str(path) for path in files],
+            "settings": settings, "claims": [claim.document() for claim in claims],
+            "files": [str(path) for path in files],
         })  # fmt: skip
         return
     console = Console()
     print_whole(minimum_table(minima), console)
     print_whole(case_table(summaries), console)
+    print_settings(console, settings)
     print_findings(console, claims, files)
 
 

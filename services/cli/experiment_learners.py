@@ -10,6 +10,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from services.cli.experiment_settings import print_settings, settings_of
 from services.cli.experiment_shared import (
     Out,
     Plain,
@@ -53,8 +54,12 @@ def learners(  # noqa: PLR0917 - one argument a flag
     starts: Annotated[
         str, typer.Option(help='Where episodes start: "all", a number N, or "within:STEPS".')
     ] = "all",
-    methods: Annotated[str, typer.Option(help="Methods by comma, or all.")] = "all",
-    teachers: Annotated[str, typer.Option(help="Simulated teachers by comma, or all of the table.")] = "all",
+    methods: Annotated[
+        str, typer.Option(help="Methods by comma, or all; see `sfid methods [NAME]`.")
+    ] = "all",
+    teachers: Annotated[
+        str, typer.Option(help="Simulated teachers by comma, or all of the table; see `sfid teachers`.")
+    ] = "all",
     deadlock_reward: Annotated[
         float, typer.Option(help="What a deadlock costs beside the end.")
     ] = DEADLOCK_REWARD,
@@ -83,13 +88,20 @@ def learners(  # noqa: PLR0917 - one argument a flag
     results, seconds, sha256 = run_all(conditions, numbers, workers, out, plain=no_compile)
     found = _findings(levels, conditions, results, Resampling(seed=seed))
     files = [] if out is None else write_learner_files(out, found, numbers)
+    variants = [(row, experiment.variant_named(row)) for row in rows]
+    settings = [
+        setting
+        for row, one in variants
+        for setting in settings_of(row, one.method, one.parameters, one.teacher)
+    ]
     if as_json:
-        print_json(_document(found, seeds, seconds, sha256, files))
+        print_json(_document(found, seeds, seconds, sha256, files) | {"settings": settings})
         return
     for one in found:
         console = Console()
         print_whole(learner_table(one), console)
         print_findings(console, one.claims, ())
+    print_settings(Console(), settings)
     print_findings(Console(), (), files)
 
 

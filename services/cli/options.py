@@ -34,7 +34,11 @@ Data = Annotated[Path, typer.Option(help="Directory of the deployment's journal,
 Method = Annotated[str, typer.Option(help=f"Learning method: {', '.join(METHODS)}.")]
 Parameter = Annotated[
     list[str] | None,
-    typer.Option("--parameter", "-p", help="A parameter of the method, NAME=VALUE; may be repeated."),
+    typer.Option(
+        "--parameter",
+        "-p",
+        help="A parameter of the method, NAME=VALUE; may be repeated; see `sfid methods METHOD`.",
+    ),
 ]
 Level = Annotated[
     str, typer.Option(help="A packaged level's name, or FILE[:N]: the level N (from 0) of an XSB file.")

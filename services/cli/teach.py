@@ -70,7 +70,11 @@ def scripted(  # noqa: PLR0917 - one argument a flag
     persona: Annotated[str, typer.Option(help=f"Who it is: {', '.join(PERSONAS)}.")] = "oracle",
     fault: Annotated[
         list[str] | None,
-        typer.Option("--fault", "-f", help="A parameter of the teacher, NAME=VALUE; may be repeated."),
+        typer.Option(
+            "--fault",
+            "-f",
+            help="A parameter of the teacher, NAME=VALUE; may be repeated; see `sfid teachers PERSONA`.",
+        ),
     ] = None,
     delay_ms: Annotated[int, typer.Option(help="Thinking time before each answer, in ms.")] = 0,
     seed: Seed = 0,

@@ -19,7 +19,8 @@ class PotentialParameters(NamedTuple):
     gamma: Annotated[float, GAMMA] = 0.9
     """Discount factor, of the potential too: another one would change which policy is best."""
     form: Annotated[int, Choice(("value", "distance"))] = 0
-    """The potential: see `potential`."""
+    """The potential of a state: its value under the optimal policy where the goal alone pays (value), or
+    minus its steps from solved (distance; in Sokoban worse than none)."""
     scale: Annotated[float, Range(-1000, 1000)] = 0.9
     """Factor on the potential. At 1 the best actions come out at 0, as good as untried ones; 0.9 (ours)
     leaves them above."""

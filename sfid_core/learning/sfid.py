@@ -21,7 +21,8 @@ class SfIDParameters(NamedTuple):
     gamma: Annotated[float, GAMMA] = 0.9
     """Discount factor."""
     omega: Annotated[int, OMEGA] = 0
-    """Agreement: see `omega`."""
+    """What an action earns that the label names with probability q, of K actions: 2 q - 1 (graded: the
+    paper's +1 and -1), (K q - 1) / (K - 1) (centred), or q - 1, never above 0 (penalty, ours)."""
     silence: Annotated[int, Choice(("zero", "skip"), source="Raza, Johnston & Williams 2016: zero")] = 0
     """A step without a label: h = 0, or no update. See `sfid-memory` for labels that are remembered."""
     explore: Annotated[float, RATE] = 0.0

@@ -21,9 +21,11 @@ class SfIDMemoryParameters(NamedTuple):
     gamma: Annotated[float, GAMMA] = 0.9
     """Discount factor of Q; of the measures alone where no Q is learnt."""
     omega: Annotated[int, OMEGA] = 0
-    """Agreement: see `sfid.omega`."""
+    """What an action earns that the label names with probability q, of K actions: 2 q - 1 (graded: the
+    paper's +1 and -1), (K q - 1) / (K - 1) (centred), or q - 1, never above 0 (penalty, ours)."""
     policy: Annotated[int, Choice(("model", "shaped"))] = 0
-    """What is learnt and acted on: see `model_step` and `shaped_step`."""
+    """What is learnt and acted on: what each action of a state earns by its labels, without the environment's
+    rewards (model), or Q, which in silence earns what the latest label of the state says (shaped). Ours."""
     keep: Annotated[float, RATE] = 1.0
     """What is left of the memory of a state after each silent step in it; 1 never forgets."""
     explore: Annotated[float, RATE] = 0.0

@@ -56,7 +56,9 @@ class TamerRLParameters(NamedTuple):
             source="Knox & Stone 2012: action biasing",
         ),
     ] = 0
-    """How H enters: see `learn` and `choose`."""
+    """How the teacher's model H enters, with weight B. Acted on is Q + B H and Q learns from the environment
+    alone (action-biasing); H instead of Q with probability B (control-sharing); Q + B H, whose error Q learns
+    from (q-augmentation); Q, which is paid B H besides (reward-shaping)."""
     weight: Annotated[float, Range(0, 1000)] = 1.0
     """B in the first episode. Knox's code has 10 for tasks with larger returns; 1 is ours."""
     anneal: Annotated[float, Range(0, 1, source="Griffith's code")] = 0.99
@@ -64,7 +66,7 @@ class TamerRLParameters(NamedTuple):
     than Q can follow, and wrong actions come to the top."""
     influence: Annotated[int, Choice(("episodes", "eligibility"), source="Knox & Stone 2012")] = 0
     """What weakens the teacher's model: B falls by `anneal`, or B counts where answers are recent and little
-    elsewhere, B(s, a) = B * e(s, a), B itself staying: see `eligibility`."""
+    elsewhere, B(s, a) = B * e(s, a), B itself staying."""
     eligibility_gain: Annotated[float, Range(0, 1, above=True, unit="an answer")] = 0.2
     """c: e(s, a) rises by this with each answer, to 1 at most; 0.2 is ours."""
     eligibility_decay: Annotated[float, Range(0, 1, above=True, source="Knox's code: 0.95 to 0.9998")] = 0.998

@@ -1,6 +1,7 @@
 """`sfid methods` and `sfid teachers`: what a researcher chooses from, and the README's table of it."""
 
 import json
+import re
 from pathlib import Path
 
 from services.cli.catalogue import meanings
@@ -26,7 +27,10 @@ def test_a_method_shows_its_parameters_with_range_and_default() -> None:
     assert (alpha["value"], alpha["range"]) == (0.1, "(0, 1]")
     shown = sfid("methods", "sfid")
     assert shown.code == 0
-    assert "graded, centred, penalty" in " ".join(shown.stdout.split())
+    said = " ".join(shown.stdout.split())
+    assert "graded, centred, penalty" in said
+    assert "parameter default range or choices meaning" in said
+    assert sfid("methods").stdout.splitlines()[-1].startswith("`sfid methods NAME` tells its parameters: ")
 
 
 def test_every_parameter_of_every_method_and_teacher_says_what_it_means() -> None:
@@ -35,6 +39,9 @@ def test_every_parameter_of_every_method_and_teacher_says_what_it_means() -> Non
         f"{kind.__name__}.{name}" for kind in kinds for name in kind._fields if not meanings(kind).get(name)
     ]
     assert dumb == []
+    told = {meaning: kind.__name__ for kind in kinds for meaning in meanings(kind).values()}
+    named = [(told[meaning], name) for meaning in told for name in re.findall(r"[Ss]ee `([^`]+)`", meaning)]
+    assert [one for one in named if one[1] not in METHODS] == []  # and not into the code
     document = json.loads(sfid("methods", "pies", "--json").stdout)
     (beta,) = (row for row in document["parameters"] if row["name"] == "beta")
     assert (beta["meaning"], beta["source"]) == (

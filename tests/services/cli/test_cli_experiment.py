@@ -8,7 +8,9 @@ from typing import Any
 
 import pytest
 
+from services.cli.catalogue import meanings
 from services.cli.progress import Lines
+from sfid_core.learning.guidance import GuidanceParameters
 from tests.services.cli.command_line import alive, kill, running, sfid, wait_for
 
 HOPELESS = "#####\n#@$ #\n# . #\n#####\n"
@@ -49,6 +51,20 @@ def test_learners_runs_on_one_two_and_three_boxes(tmp_path: Path) -> None:
         for mean, lo, hi in (*cell["success"].values(), cell["inputs"]):
             assert lo <= mean <= hi
         assert cell["success"]["300"][0] > cell["success"]["30"][0]
+
+
+def test_what_a_row_sets_otherwise_than_by_default_is_told_with_its_meaning() -> None:
+    flags = ("--seeds", "2", "--teachers", "oracle", "--methods", "guide-judged,sfid")
+    undo, width = document("learners", *flags)["settings"]
+    assert undo == {
+        "row": "guide-judged", "of": "guidance", "parameter": "undo", "value": "never", "default": "blamed",
+        "range": "blamed, asked, never", "meaning": meanings(GuidanceParameters)["undo"],
+    }  # fmt: skip
+    assert (width["of"], width["parameter"], width["value"]) == ("its teachers", "guidance_width", 1)
+    *_, undone, pointed, where = sfid("experiment", "learners", *flags, "--no-compile").stdout.splitlines()
+    assert undone == f"guide-judged: guidance with undo never, not blamed: {undo['meaning']}"
+    assert pointed == f"guide-judged: its teachers with guidance_width 1, not 2: {width['meaning']}"
+    assert where.startswith("`sfid methods NAME` tells every parameter of a method, ")
 
 
 def children(pid: int) -> list[int]:
