@@ -27,6 +27,8 @@ Finite = Annotated[float, Meta(ge=-1.7e308, le=1.7e308)]
 """Any float64 but NaN and the infinities."""
 Reward = Annotated[float, Meta(ge=-1.0, le=1.0)]
 Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
+Shard = Annotated[int, Meta(ge=0, le=1_023)]
+Shards = Annotated[int, Meta(ge=1, le=1_024)]
 Text = Annotated[str, Meta(max_length=512)]
 View = Annotated[str, Meta(max_length=32_768)]
 Token = Annotated[str, Meta(max_length=1024)]
@@ -311,6 +313,8 @@ class SessionQuery(Wire, frozen=True, kw_only=True, tag="session-query"):
     session: Name | None = None
     first_episode: Count = 0
     """Where the episodes of a report begin; a report holds at most 100."""
+    leave_out: Count = 0
+    """Places of the list to leave out, from the latest: 0, or what a SessionList said in `older`."""
 
 
 class LabelTotals(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -340,9 +344,14 @@ class SessionSummary(Wire, frozen=True, kw_only=True, tag="session-summary"):
 
 
 class SessionList(Wire, frozen=True, kw_only=True, tag="session-list"):
-    """All sessions of a learner."""
+    """Sessions of a learner, the latest last, as many as a message holds; older ones are on the next page."""
 
     sessions: tuple[SessionSummary, ...]
+    older: Count | None = None
+    """What to leave out for the next page; None where no older sessions are left."""
+    shards: Shards = 1
+    told: Annotated[tuple[Shard, ...], Meta(max_length=1_024)] = (0,)
+    """Of these shards, those whose sessions this list tells of."""
 
 
 class SessionReport(Wire, frozen=True, kw_only=True, tag="session-report"):

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import TypeVar
 
+from msgspec.structs import replace
+
 from protocol.codec import DecodeError, decode, encode
 from protocol.keys import Keys
 from protocol.messages import (
@@ -62,8 +64,17 @@ class Operator:
         self._ask(self._keys.learner("branch"), Branch(session=session, episode=episode, branch=name), Done)
 
     def sessions(self) -> SessionList:
-        """Return a line about every session."""
-        return self._until_answered(self._all_sessions)
+        """Return a line about every session of the shards in `told`, whose learners replied to the end."""
+        page = self._until_answered(partial(self._page_of_list, 0))
+        told = set(page.told)
+        latest_first = {one.session: one for one in reversed(page.sessions)}
+        while page.older is not None:
+            page = self._until_answered(partial(self._page_of_list, page.older))
+            told.intersection_update(page.told)
+            for one in reversed(page.sessions):  # moved on by a newer session, one may come again
+                latest_first.setdefault(one.session, one)
+        rows = tuple(reversed(latest_first.values()))
+        return replace(page, sessions=rows, told=tuple(sorted(told)))
 
     def show(self, session: str) -> tuple[SessionReport, list[Episode]]:
         """Return a session's report and all its episodes."""
@@ -98,15 +109,16 @@ class Operator:
 
         return self._until_answered(once)
 
-    def _all_sessions(self) -> SessionList | bytes | None:
-        """Return the lists of all learners as one, else a refusal, else None."""
+    def _page_of_list(self, leave_out: int) -> SessionList | bytes | None:
+        """Return a page of the lists of all learners as one, else a refusal, else None."""
         replies: queue.SimpleQueue[tuple[Reply, ...]] = queue.SimpleQueue()
-        self._bus.ask_all(self._keys.learner("list"), encode(SessionQuery()), replies.put, TIMEOUT_MS)
+        query = encode(SessionQuery(leave_out=leave_out))
+        self._bus.ask_all(self._keys.learner("list"), query, replies.put, TIMEOUT_MS)
         heard = replies.get()
         lists = [reply.payload for reply in heard if reply.ok]
         if not lists:
             return next((reply.payload for reply in heard), None)
-        return _read(partial(union, lists))
+        return _read(partial(union, lists, leave_out))
 
     def _until_answered(self, once: Callable[[], M | bytes | None]) -> M:
         until = time.monotonic() + self._patience_s

@@ -1,5 +1,6 @@
 """`sfid session create|list|show|rewind|pause|resume|stop`."""
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -28,7 +29,7 @@ from services.cli.options import (
     Seed,
     print_json,
 )
-from services.cli.session_rows import Match, StateFlag, counted, listed, state_of
+from services.cli.session_rows import Match, StateFlag, counted, lacking, listed, state_of
 from services.cli.session_source import (
     DeadlockReward,
     EpisodesFlag,
@@ -228,10 +229,17 @@ def list_sessions(
     deployment: Deployment = "local",
     json: Json = False,
 ) -> None:
-    """List the sessions of all learners by name, and count them."""
+    """List the sessions of all learners by name, and count them.
+
+    Shards whose learner does not answer are named on stderr, since their sessions are lacking.
+    """
     with operator(connect, deployment, access=access) as asked:
-        found = asked.sessions().sessions
+        whole = asked.sessions()
+    found = whole.sessions
     sessions = listed(found, match, state)
+    absent = lacking(whole, suggested("status", connect, deployment, access))
+    if absent is not None:
+        print(absent, file=sys.stderr)
     if json:
         print_json([
             {"session": row.session, "method": row.method, "level": row.level_name, "phase": row.phase,
@@ -244,7 +252,7 @@ def list_sessions(
         teachers = ", ".join(row.teachers) or "nobody"
         done = f"episode {row.episode}/{row.episodes}"
         print(f"{row.session}: {row.method} on {row.level_name}, {done}, {state_of(row)}, {teachers}")
-    if found:
+    if found or absent is not None:
         print(counted(sessions, len(found)))
     else:
         create_one = suggested("session create NAME", connect, deployment, access)

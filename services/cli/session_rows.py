@@ -7,7 +7,11 @@ from typing import Annotated
 
 import typer
 
-from protocol.messages import SessionSummary
+from protocol.messages import SessionList, SessionSummary
+from protocol.session_union import untold
+
+SHARDS_NAMED = 8
+"""Absent shards that are named one by one."""
 
 
 class State(Enum):
@@ -47,3 +51,20 @@ def counted(rows: Sequence[SessionSummary], total: int) -> str:
     states = Counter(map(state_of, rows))
     more = ", ".join(f"{states[one.value]} {one.value}" for one in State if states[one.value])
     return f"{of}{total} session{'s' if total != 1 else ''}{': ' if more else ''}{more}"
+
+
+def lacking(whole: SessionList, status: str) -> str | None:
+    """Return the line about the shards whose sessions are not listed, None where there are none.
+
+    Args: status: the command that shows how the learners do.
+    """
+    absent = untold(whole)
+    if not absent:
+        return None
+    named = ", ".join(f"shard-{shard}" for shard in absent[:SHARDS_NAMED])
+    more = f" and {len(absent) - SHARDS_NAMED} more" if len(absent) > SHARDS_NAMED else ""
+    return (
+        f"no learner answers for {named}{more} of {whole.shards} shards: "
+        f"{'its' if len(absent) == 1 else 'their'} sessions are not listed; {status} tells how each does: "
+        "start the absent learner, or end the one that hangs"
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import logging
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from protocol.codec import PAYLOAD_MAX, DecodeError, decode, encode
@@ -20,7 +21,7 @@ from protocol.messages import (
     SessionReport,
     SessionSummary,
 )
-from protocol.session_union import fitting
+from protocol.session_union import left_out, list_query, page
 from protocol.translate import TEACHERS_NAMED_MAX, episode_message, label_totals
 from services.learner.branching import branch
 from services.learner.live import created
@@ -114,8 +115,14 @@ class Office:
         return None
 
     def _on_list(self, request: Request) -> None:
-        listed = fitting(map(_summary, reversed(self._learner.sessions.values())))
-        self._learner.loop.reply_durably(request, listed)
+        try:
+            leave_out = list_query(request.payload).leave_out
+        except DecodeError as error:
+            request.reply_error(encode(Refusal(code="malformed", reason=str(error))))
+            return
+        shard, shards = self._learner.config.shard, self._learner.config.shards
+        lives = islice(reversed(self._learner.sessions.values()), left_out(leave_out, shard, shards), None)
+        self._learner.loop.reply_durably(request, page(map(_summary, lives), leave_out, shard, shards))
 
     def _on_show(self, request: Request) -> None:
         try:

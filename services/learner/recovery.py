@@ -25,7 +25,7 @@ class Recovery:
             folding.take(rows.events(name))
 
     def sessions(self, shard: Shard) -> Iterator[tuple[str, Folded]]:
-        """Yield each session that was created, by name, as the opened shard holds it.
+        """Yield each session that was created, in the order of creation, as the opened shard holds it.
 
         Raises: JournalError when a session cannot be read.
         """

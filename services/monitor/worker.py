@@ -105,6 +105,7 @@ class Worker:
         if self._config.session is not None:
             self._watch(self._config.session)
             return
+        # The latest page only: it shows sixteen sessions, and an older one that goes on is heard anyway.
         query = encode(SessionQuery())
         self._bus.ask_all(
             self._keys.learner("list"),

@@ -60,6 +60,26 @@ class PlainTeacher:
     def ask(self, key: str, message: Map) -> tuple[bool, Map]:
         return self.query(key, msgpack.packb({"schema": 1, **message}))
 
+    def sessions(self) -> tuple[list[Map], set[int]]:
+        """All sessions, and the shards that no reply to one of the questions told of."""
+        found: dict[str, Map] = {}
+        absent: set[int] = set()
+        leave_out: int | None = 0
+        while leave_out is not None:
+            query = {"type": "session-query", "schema": 1, "leave_out": leave_out}
+            # Several learners: consolidation NONE, and every reply is read
+            replies = self.zenoh.get(
+                f"{self.root}/learner/list",
+                payload=msgpack.packb(query), timeout=2.0, consolidation=zenoh.ConsolidationMode.NONE,
+            )  # fmt: skip
+            lists = [msgpack.unpackb(bytes(reply.ok.payload)) for reply in replies if reply.ok is not None]
+            found |= {one["session"]: one for each in lists for one in each["sessions"]}
+            told = {shard for each in lists for shard in each["told"]}
+            absent |= {shard for each in lists for shard in range(each["shards"])} - told
+            older = [each["older"] for each in lists if each["older"] is not None]
+            leave_out = min(older, default=None)
+        return list(found.values()), absent
+
     def join(self) -> Map:
         ok, welcome = self.ask(
             f"session/{self.session}/join/{self.name}",

@@ -119,6 +119,27 @@ def test_answers_are_exactly_as_safe_as_the_page_says(endpoint: str) -> None:
         bob.close()
 
 
+@pytest.mark.real
+def test_all_sessions_are_listed_by_the_page_alone(ann: PlainTeacher) -> None:
+    names = {f"many-{number}" for number in range(90)}
+    world = {"kind": "sokoban", "level": ONE_PUSH, "level_name": "\N{SNOWMAN}" * 512, "starts": "1"}
+    window = {"mode": "until-answered", "span_ms": 1000}
+    for name in names:
+        ok, _ = ann.ask(
+            "learner/create", {"type": "create-session", "session": name, "world": world, "window": window}
+        )
+        assert ok
+    ok, latest = ann.query("learner/list", b"")
+    assert (ok, len(latest["sessions"]) < len(names), latest["older"]) == (
+        True,
+        True,
+        len(latest["sessions"]),
+    )
+    listed, absent = ann.sessions()
+    assert {one["session"] for one in listed if one["session"].startswith("many-")} == names
+    assert absent == set()
+
+
 def _is_after(number: int) -> Callable[[Map], bool]:
     return lambda newest: newest["decision"] > number or newest["phase"] == "finished"
 

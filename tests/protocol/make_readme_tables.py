@@ -140,6 +140,7 @@ MEANINGS = {
     "teachers_min": "teachers who must have joined before the first decision",
     "branch": "name of the new session",
     "Branch.episode": "the episode to begin with; those before it are kept",
+    "leave_out": "0 for the latest page of a list, then what the `older` of the last one said",
     "first_episode": "number of the first episode to report",
     "RowsQuery.after_seq": "the last row already read; 0 begins at the beginning",
     "JournalRows.after_seq": "the last row that this reply covers: ask from here next",
@@ -157,6 +158,9 @@ MEANINGS = {
     "rejected": "answered nothing that was asked",
     "pending": "in the open window, or waiting for their step",
     "sessions": "one line each",
+    "older": "`leave_out` of the question for the next page; null: no older sessions are left",
+    "shards": "of how many shards the deployment's sessions are",
+    "told": "numbers of the shards, from 0, whose sessions this list tells of",
     "summary": "one line about the session",
     "config": "what the session was created with",
     "labels": "what became of its answers",
@@ -251,7 +255,8 @@ def table(each: type[msgspec.Struct]) -> Iterator[str]:
 
 def _default(field: inspect.Field) -> str:
     value = field.default if field.default is not msgspec.NODEFAULT else field.default_factory()
-    return {None: "null", "": "empty", (): "empty"}.get(value, f"`{value}`") if value != {} else "empty"
+    shown = list(value) if isinstance(value, tuple) else value
+    return {None: "null", "": "empty", (): "empty"}.get(value, f"`{shown}`") if value != {} else "empty"
 
 
 def example() -> Iterator[str]:

@@ -207,9 +207,9 @@ FULL: tuple[Wire, ...] = (
     Refusal(code="busy", reason="the learner's inbox is full: send it again"),
     CREATE,
     Branch(session="s1", episode=4, branch="s1-from4"),
-    SessionQuery(session="s1", first_episode=100),
+    SessionQuery(session="s1", first_episode=100, leave_out=9),
     SUMMARY,
-    SessionList(sessions=(SUMMARY,)),
+    SessionList(sessions=(SUMMARY,), older=12, shards=3, told=(0, 2)),
     SessionReport(
         summary=SUMMARY,
         config=CREATE,

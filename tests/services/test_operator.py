@@ -1,12 +1,14 @@
 """What the command line is told where several learners answer, and some of them cannot just now."""
 
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
-from protocol.codec import encode
+from protocol.codec import decode, encode
 from protocol.keys import Keys
-from protocol.messages import Refusal, SessionList, SessionSummary
+from protocol.messages import Refusal, SessionList, SessionQuery, SessionSummary
+from protocol.session_union import untold
 from services.operator import Operator, OperatorError
 from services.runtime.bus import Request
 from services.runtime.memory_bus import MemoryBus, MemoryHub
@@ -19,12 +21,12 @@ class EnoughError(Exception):
     """The test has seen enough."""
 
 
-def listed(name: str) -> SessionList:
+def listed(name: str, **more: Any) -> SessionList:  # noqa: ANN401 - any field
     summary = SessionSummary(
         session=name, method="q-learning", level_name="room", phase="asking", paused=False, episode=0,
         episodes=2, decision=0, teachers=(),
     )  # fmt: skip
-    return SessionList(sessions=(summary,))
+    return SessionList(sessions=(summary,), **more)
 
 
 def answering(answer: SessionList | bytes) -> Callable[[Request], None]:
@@ -70,3 +72,35 @@ def test_a_refusal_for_good_is_told_at_once_in_its_own_words() -> None:
     with pytest.raises(OperatorError, match=r"^not for you: ask for a login$"):
         asking.sessions()
     assert paused == []
+
+
+def test_the_shard_of_a_learner_that_is_busy_is_named_and_the_others_are_listed() -> None:
+    asking, paused = operator(
+        BUSY, listed("s0", shards=3, told=(0,)), listed("s2", shards=3, told=(2,)),
+    )  # fmt: skip
+    whole = asking.sessions()
+    assert sorted(one.session for one in whole.sessions) == ["s0", "s2"]
+    assert (whole.shards, whole.told, untold(whole)) == (3, (0, 2), (1,))
+    assert paused == []
+
+
+def test_a_learner_whose_pages_lead_nowhere_is_told_instead_of_asked_for_ever() -> None:
+    asking, _ = operator(listed("s1", older=5))
+    with pytest.raises(OperatorError, match=r"leads back\): is it of this version\?$"):
+        asking.sessions()
+
+
+def test_a_learner_that_restarts_between_two_pages_is_asked_again() -> None:
+    hub = MemoryHub(inline=True)
+    answers: list[SessionList | bytes] = [listed("s2", older=1), BUSY, listed("s1")]
+    asked: list[int] = []
+
+    def serve(request: Request) -> None:
+        asked.append(decode(request.payload, SessionQuery).leave_out)
+        answering(answers.pop(0))(request)
+
+    MemoryBus(hub).serve(KEYS.learner("list"), serve, shared=True)
+    paused: list[float] = []
+    whole = Operator(MemoryBus(hub), KEYS, pause=paused.append).sessions()
+    assert [one.session for one in whole.sessions] == ["s1", "s2"]
+    assert (asked, len(paused), untold(whole)) == ([0, 1, 1], 1, ())

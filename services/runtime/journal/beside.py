@@ -44,7 +44,7 @@ class UnprovenRows:
         self._amendments = read_amendments(body for _, _, body in read_amended_rows(self._db))
 
     def sessions(self) -> list[str]:
-        """Return the sessions that have rows, sorted."""
+        """Return the sessions that have rows, in the order of their first ones."""
         return read_sessions(self._db)
 
     def events(self, session: str) -> Iterator[tuple[str, int, bytes]]:

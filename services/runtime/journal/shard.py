@@ -258,8 +258,9 @@ class Shard:
         return wanted
 
     def sessions(self) -> tuple[str, ...]:
-        """Return every session that has a row, sorted."""
-        return tuple(sorted({*self._store.sessions(), *(record.session for record in self._group.records)}))
+        """Return every session that has a row, in the order of their first ones."""
+        names = (*self._store.sessions(), *(record.session for record in self._group.records))
+        return tuple(dict.fromkeys(names))
 
     def close(self) -> None:
         """Commit, move the WAL into the database file and give the shard back; safe to call twice.

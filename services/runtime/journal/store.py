@@ -162,7 +162,7 @@ class Store:
             return read_amended_rows(self._db)
 
     def sessions(self) -> list[str]:
-        """Return the sessions that have committed rows, sorted."""
+        """Return the sessions that have committed rows, in the order of their first ones."""
         with translated(self.path):
             return read_sessions(self._db)
 
@@ -326,8 +326,8 @@ def read_events(
 
 
 def read_sessions(db: sqlite3.Connection) -> list[str]:
-    """Return the sessions that have rows, sorted; raises sqlite3.Error."""
-    return [name for (name,) in db.execute("SELECT DISTINCT session FROM rows ORDER BY session")]
+    """Return the sessions that have rows, in the order of their first ones; raises sqlite3.Error."""
+    return [name for (name,) in db.execute("SELECT session FROM rows GROUP BY session ORDER BY MIN(seq)")]
 
 
 def read_amended_rows(db: sqlite3.Connection) -> list[tuple[int, str, bytes]]:

@@ -9,7 +9,7 @@ from protocol.codec import encode
 from protocol.keys import Keys
 from protocol.messages import GymWorld, SessionList, SessionSummary, WindowSpec
 from services.cli.session import session_config
-from services.cli.session_rows import State, counted, listed, state_of
+from services.cli.session_rows import State, counted, lacking, listed, state_of
 from services.router import RouterConfig, free_endpoint
 from services.runtime.zenoh_bus import open_bus
 from sfid_core.session.state import Phase
@@ -50,23 +50,55 @@ def test_every_state_a_session_can_have_can_be_asked_for() -> None:
     assert state_of(row("s1", "asking", paused=True)) == "paused"
 
 
+@pytest.mark.parametrize(
+    "shards,told,line",
+    [
+        (1, (0,), None),
+        (3, (0, 1, 2), None),
+        (3, (0, 1), "no learner answers for shard-2 of 3 shards: its sessions are not listed; "),
+        (4, (2,), "no learner answers for shard-0, shard-1, shard-3 of 4 shards: their sessions are not "),
+        (64, (), "shard-6, shard-7 and 56 more of 64 shards: their sessions are not listed; "),
+    ],
+)
+def test_shards_without_a_learner_are_named_in_one_line_with_the_mend(
+    shards: int, told: tuple[int, ...], line: str | None
+) -> None:
+    said = lacking(SessionList(sessions=(), shards=shards, told=told), "`sfid status`")
+    if line is None:
+        assert said is None
+    else:
+        assert said is not None
+        assert line in said
+        assert said.endswith(
+            "`sfid status` tells how each does: start the absent learner, or end the one that hangs"
+        )
+        assert "\n" not in said
+
+
 @pytest.mark.real
 def test_the_command_lists_what_learners_tell() -> None:
     at = free_endpoint()
     with routing(RouterConfig(at)):
         learner = open_bus(at, 5_000)
+        told = [SessionList(sessions=tuple(ROWS))]
         learner.serve(
-            Keys("local").learner("list"),
-            lambda request: request.reply(encode(SessionList(sessions=tuple(ROWS)))),
-            shared=True,
+            Keys("local").learner("list"), lambda request: request.reply(encode(told[-1])), shared=True
         )
         whole = sfid("session", "list", "--connect", at)
+        told.append(SessionList(sessions=tuple(ROWS), shards=3, told=(0, 2)))
         mazes = sfid("session", "list", "--connect", at, "--match", "maze", "--state", "paused", "--json")
+        told.append(SessionList(sessions=(), shards=3, told=(0, 2)))
+        nothing = sfid("session", "list", "--connect", at)
         learner.close()
     lines = whole.stdout.splitlines()
     assert [line.partition(":")[0] for line in lines[:-1]] == ["cave", "maze-a", "maze-b", "room"]
     assert lines[-1] == "4 sessions: 2 asking, 1 paused, 1 finished"
     assert [one["session"] for one in json.loads(mazes.stdout)] == ["maze-a"]
+    line = lacking(told[1], f"`sfid status --connect {at}`")
+    assert line is not None
+    assert [line in one.stderr.splitlines() for one in (whole, mazes, nothing)] == [False, True, True]
+    assert nothing.stdout == "0 sessions\n"
+    assert [one.code for one in (whole, mazes, nothing)] == [0, 0, 0]
 
 
 @pytest.mark.parametrize("parameters,advised", [(None, []), ({}, ["-p omega=penalty"])])

@@ -335,12 +335,28 @@ def test_a_report_comes_in_pages_of_a_hundred_episodes(room: Classroom) -> None:
     assert (len(first.episodes), second.first_episode, numbers) == (100, 100, list(range(130)))
 
 
-def test_a_list_of_more_sessions_than_a_message_holds_tells_of_the_latest(room: Classroom) -> None:
-    names = [f"session-{number}" for number in range(600)]
+def test_a_thousand_sessions_are_listed_in_pages_each_once_the_latest_first(room: Classroom) -> None:
+    names = [f"session-{number}" for number in range(1_000)]
     for name in names:
         room.create(session(session=name))
-    reply = room.ask(room.watcher, KEYS.learner("list"), SessionQuery())
-    listed = [summary.session for summary in decode(reply.payload, SessionList).sessions]
-    assert len(reply.payload) <= PAYLOAD_MAX
-    assert len(listed) > 200
-    assert listed == names[-len(listed) :]
+    pages: list[list[str]] = []
+    leave_out: int | None = 0
+    while leave_out is not None:
+        reply = room.ask(room.watcher, KEYS.learner("list"), SessionQuery(leave_out=leave_out))
+        listed = decode(reply.payload, SessionList)
+        assert len(reply.payload) <= PAYLOAD_MAX
+        pages.insert(0, [summary.session for summary in listed.sessions])
+        leave_out = listed.older
+    assert [name for page in pages for name in page] == names
+    assert [len(page) > 200 for page in pages[1:]] == [True] * (len(pages) - 1)
+    assert len(pages) > 1
+    latest = room.ask(room.watcher, KEYS.learner("list"), b"")
+    assert [summary.session for summary in decode(latest.payload, SessionList).sessions] == pages[-1]
+
+
+def test_a_question_for_the_list_that_cannot_be_read_is_refused(room: Classroom) -> None:
+    for wrong in (
+        b"nonsense",
+        msgspec.msgpack.encode({"type": "session-query", "schema": 1, "leave_out": -1}),
+    ):
+        assert room.refused(KEYS.learner("list"), wrong).code == "malformed"

@@ -1,5 +1,6 @@
 """Several learners of one data directory on one bus: who answers for which session."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,20 +18,21 @@ from protocol.messages import (
     JournalRows,
     Refusal,
     RowsQuery,
-    SessionList,
     SessionQuery,
     SessionReport,
     Welcome,
+    World,
 )
-from protocol.session_union import fitting, union
+from protocol.session_union import union, untold
 from services.learner.config import LearnerConfig
 from services.learner.ownership import agree_on_shards, shard_of
 from services.learner.service import Learner
+from services.operator import Operator
 from services.runtime.bus import Reply
 from services.runtime.journal import JournalFenced, Shard, read_rows, shard_directory, verify
 from services.runtime.memory_bus import MemoryBus
 from sfid_core.session.events import TeacherLeft
-from tests.services.learner.classroom import KEYS, Classroom, session
+from tests.services.learner.classroom import KEYS, ROOM, Classroom, session
 
 SHARDS = 3
 NAMES = ("s1", "s2", "s4", "lesson", "a", "b")
@@ -82,6 +84,12 @@ class School(Classroom):
         reply = self.asked(KEYS.learner("create"), session(session=name))
         assert reply is not None
         assert decode(reply.payload, Done) == Done(ok=True)
+
+    def create_wide(self, name: str) -> None:
+        """Create a session whose line in the list is long."""
+        reply = self.asked(KEYS.learner("create"), session(session=name, world=WIDE))
+        assert reply is not None
+        assert reply.ok
 
     def join(self, name: str) -> Welcome:
         self.teacher.announce(KEYS.present(name, "ann"))
@@ -272,14 +280,110 @@ def test_an_old_owner_that_wakes_up_answers_no_question(full: School, verb: str)
     assert [reply for reply in replies if reply is not None and name.encode() in reply.payload] == []
 
 
-def test_a_list_that_fits_in_a_message_has_the_latest_of_everybody(full: School) -> None:
-    replies: list[tuple[Reply, ...]] = []
-    full.watcher.ask_all(KEYS.learner("list"), encode(SessionQuery()), replies.append, 60_000)
-    full.settle()
-    summaries = union(reply.payload for reply in replies[0]).sessions
-    assert fitting(reversed(summaries)) == SessionList(sessions=summaries)
-    many = summaries * 200
-    kept = fitting(reversed(many)).sessions
-    assert 0 < len(kept) < len(many)
-    assert kept == many[-len(kept) :]
-    assert len(encode(SessionList(sessions=kept))) <= 65_536
+class Desk(MemoryBus):
+    """An operator's bus: whoever asks all learners is answered at once, and told of each page."""
+
+    def __init__(self, school: School, between: Callable[[int], None]) -> None:
+        super().__init__(school.hub)
+        self._school, self._between = school, between
+        self.pages = 0
+
+    def ask_all(
+        self, key: str, payload: bytes, receive: Callable[[tuple[Reply, ...]], None], timeout_ms: int
+    ) -> None:
+        super().ask_all(key, payload, receive, timeout_ms)
+        self._school.settle()
+        self.pages += 1
+        self._between(self.pages)
+
+
+WIDE = World(level=ROOM, level_name="\N{SNOWMAN}" * 512, starts="1")
+"""A level with a name of 1.5 KB: 38 of its sessions fit in a message."""
+
+
+@pytest.fixture
+def wide(school: School) -> School:
+    """A school with 150 sessions: several pages, and another number of them for each learner."""
+    names = [f"w{number}" for number in range(600)]
+    for shard, count in enumerate((90, 10, 50)):
+        for name in [name for name in names if shard_of(name, SHARDS) == shard][:count]:
+            school.create_wide(name)
+    assert [len(learner.sessions) for learner in school.learners.values()] == [90, 10, 50]
+    return school
+
+
+def test_all_pages_of_all_learners_are_listed_once(wide: School) -> None:
+    desk = Desk(wide, lambda _: None)
+    listed = Operator(desk, KEYS).sessions()
+    names = [one.session for one in listed.sessions]
+    assert sorted(names) == sorted(name for learner in wide.learners.values() for name in learner.sessions)
+    assert len(set(names)) == len(names) == 150
+    assert desk.pages > 2
+    assert (listed.older, listed.shards, listed.told, untold(listed)) == (None, 3, (0, 1, 2), ())
+    assert set(names[-SHARDS:]) == {list(learner.sessions)[-1] for learner in wide.learners.values()}
+
+
+def test_sessions_created_between_two_pages_lose_nothing_and_double_nothing(wide: School) -> None:
+    before = {name for learner in wide.learners.values() for name in learner.sessions}
+
+    def create(page: int) -> None:
+        for number in range(5):
+            wide.create_wide(f"new{page}-{number}")
+
+    desk = Desk(wide, create)
+    names = [one.session for one in Operator(desk, KEYS).sessions().sessions]
+    assert before <= set(names)
+    assert len(set(names)) == len(names)
+    assert desk.pages > 2
+
+
+def test_a_shard_that_another_learner_takes_up_between_two_pages_loses_nothing(wide: School) -> None:
+    """Its sessions lie in another order than that of their names, and must go on doing so."""
+
+    def hand_over(page: int) -> None:
+        if page == 1:
+            wide.stop_shard(0)
+            wide.start_shard(0, wide.alone)
+
+    held = list(wide.learners[0].sessions)
+    assert held != sorted(held)
+    listed = Operator(Desk(wide, hand_over), KEYS).sessions()
+    assert list(wide.learners[0].sessions) == held
+    assert {one.session for one in listed.sessions} == {
+        name for learner in wide.learners.values() for name in learner.sessions
+    }
+    assert untold(listed) == ()
+
+
+def test_a_shard_without_a_learner_is_named_with_the_list(full: School) -> None:
+    full.stop_shard(1)
+    listed = Operator(Desk(full, lambda _: None), KEYS).sessions()
+    assert sorted(one.session for one in listed.sessions) == sorted(
+        name for name in NAMES if shard_of(name, SHARDS) != 1
+    )
+    assert (listed.shards, untold(listed)) == (SHARDS, (1,))
+
+
+@pytest.mark.parametrize("gone", [1, 2])
+def test_a_shard_whose_learner_dies_while_pages_are_read_is_named(wide: School, gone: int) -> None:
+    stays = {name for shard in range(SHARDS) if shard != gone for name in wide.learners[shard].sessions}
+
+    def stop(page: int) -> None:
+        if page == 1:
+            wide.stop_shard(gone)
+
+    listed = Operator(Desk(wide, stop), KEYS).sessions()
+    assert stays <= {one.session for one in listed.sessions}
+    assert untold(listed) == (gone,)
+
+
+def test_a_shard_that_comes_while_pages_are_read_is_named_since_its_first_page_was_missed(
+    wide: School,
+) -> None:
+    wide.stop_shard(2)
+
+    def start(page: int) -> None:
+        if page == 1:
+            wide.start_shard(2, wide.alone)
+
+    assert untold(Operator(Desk(wide, start), KEYS).sessions()) == (2,)
