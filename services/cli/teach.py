@@ -156,6 +156,9 @@ def crowd(  # noqa: PLR0917 - one argument a flag
     ] = 0.0,
     away_ms: Annotated[int, typer.Option(help="How long one who left stays away, in ms; 0: for good.")] = 0,
     seed: Seed = 0,
+    gym: Gym = None,
+    gym_option: GymOption = None,
+    gym_actions: GymActions = None,
     connect: Connect = ENDPOINT,
     access: Access = None,
     deployment: Annotated[
@@ -176,12 +179,14 @@ def crowd(  # noqa: PLR0917 - one argument a flag
             f"the mix has {len(specs)} workers, --workers says {workers}: leave --workers out or mend one"
         )
         raise CommandError(message)
+    world = gym_world(gym, gym_option, gym_actions)
+    best = None if world is None else best_actions(world)
     config = CrowdConfig(session, specs, seed, delay_ms, dropout_rate, away_ms, keys.deployment)
     process = ServiceProcess(ProcessConfig(f"crowd-{name}", supervised_fd, verbose))
     bus = service_bus(connect, process.stop, teaching_role(deployment), access)
     hint = partial(session_hint, session, connect, deployment, access)
     try:
-        results = run(config, bus, process.ready, process.stop, hint=hint)
+        results = run(config, bus, process.ready, process.stop, hint=hint, best=best)
     finally:
         bus.close()
     if as_json:

@@ -23,7 +23,7 @@ from services.client.one_loop import LoopBus
 from services.outbox import Outbox
 from services.runtime.bus import Bus
 from services.runtime.clock import Clock, SystemClock
-from services.teachers.scripted import Script, ScriptedConfig, optimal_names, tell
+from services.teachers.scripted import Best, Script, ScriptedConfig, optimal_names, tell
 from services.teachers.troubles import Hint, Troubles, no_hint
 from sfid_core.chance import stream, unit
 from sfid_core.learning.parameters import ParameterError
@@ -98,8 +98,10 @@ class _Worker:
 class SimulatedCrowd:
     """All workers of a process; `turn` runs what is due on the caller's thread."""
 
-    def __init__(self, config: CrowdConfig, bus: Bus, clock: Clock, hint: Hint = no_hint) -> None:
-        self._config, self._bus, self._clock = config, bus, clock
+    def __init__(
+        self, config: CrowdConfig, bus: Bus, clock: Clock, hint: Hint = no_hint, best: Best | None = None
+    ) -> None:
+        self._config, self._bus, self._clock, self._best = config, bus, clock, best
         self.troubles = Troubles(config.session, clock, hint)
         self._keys = Keys(config.deployment)
         self._woken: SimpleQueue[int] = SimpleQueue()
@@ -177,8 +179,8 @@ class SimulatedCrowd:
             config.session, spec.name, config.seed, delay_ms=int(config.delay_ms * own),
             deployment=config.deployment,
         )  # fmt: skip
-        mind = mind_of(spec, config.seed, config.session)
-        return Script(scripted, client.has_answered, mind=mind, optimal=self._optimal)
+        mind = partial(mind_of, spec, config.seed, config.session)
+        return Script(scripted, client.has_answered, mind=mind, optimal=self._optimal, best=self._best)
 
     def _who_was_woken(self, wait_s: float) -> set[int]:
         woken: set[int] = set()
@@ -253,15 +255,17 @@ def run(
     stop: threading.Event,
     clock: Clock | None = None,
     hint: Hint = no_hint,
+    best: Best | None = None,
 ) -> tuple[WorkerResult, ...]:
     """Teach until the session is finished, everybody has left for good, or `stop` is set.
 
-    Args: hint: see Troubles.
+    Args: hint: see Troubles; best: the optimal actions of a world that is not Sokoban, see Script.
     Returns: what became of the answers, by worker.
-    Raises: ScriptedError when the level is beyond the solver, CrowdError when a worker may not join.
+    Raises: ScriptedError when the level is beyond the solver or the world is another one, CrowdError when a
+    worker may not join.
     """
     clock = clock or SystemClock()
-    crowd = SimulatedCrowd(config, bus, clock, hint)
+    crowd = SimulatedCrowd(config, bus, clock, hint, best)
     crowd.open()
     ready()
     while not stop.is_set() and not crowd.finished:

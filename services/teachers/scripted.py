@@ -106,7 +106,7 @@ class Script:
     the view of the decision while the action was executed, or what the step before led to; a teacher who has
     seen neither (joined in between) abstains once.
 
-    Args: mind: what is thought of a state, a SimulatedTeacher of the configuration when None; optimal: names
+    Args: mind: makes what thinks for a number of actions, a SimulatedTeacher when None; optimal: names
     of the optimal actions of a view, to be shared by many; best: indexes of the optimal actions by state key,
     in place of `optimal` for a world whose views do not tell its states.
     """
@@ -116,13 +116,14 @@ class Script:
         config: ScriptedConfig,
         has_answered: Callable[[Decision], bool],
         *,
-        mind: Mind | None = None,
+        mind: Callable[[int], Mind] | None = None,
         optimal: Callable[[str], tuple[str, ...]] | None = None,
         best: Best | None = None,
     ) -> None:
         self._best = best
         self._config = config
-        self._mind = mind
+        self._make = mind or self._simulated
+        self._mind: Mind | None = None
         self._delay_ns = config.delay_ms * 1_000_000
         self._has_answered = has_answered
         self._optimal = optimal or optimal_names()
@@ -148,11 +149,12 @@ class Script:
     def _teacher(self, decision: Decision) -> Mind:
         """Return what thinks, made for as many actions as the session has."""
         if self._mind is None:
-            config, actions = self._config, len(decision.actions)
-            self._mind = SimulatedTeacher(
-                config.seed, config.teacher, config.session, config.parameters, actions
-            )
+            self._mind = self._make(len(decision.actions))
         return self._mind
+
+    def _simulated(self, actions: int) -> Mind:
+        config = self._config
+        return SimulatedTeacher(config.seed, config.teacher, config.session, config.parameters, actions)
 
     def _remember(self, step: Step) -> None:
         if step.outcome == "running" and (self._before is None or self._before[0] <= step.decision):
@@ -198,12 +200,13 @@ class Script:
         """Return the optimal actions of the decision's state, which looks like `view`."""
         if self._best is None:
             return tuple(decision.actions.index(name) for name in self._optimal(view))
-        if decision.state not in self._best:
+        best = self._best.get(decision.state)
+        if best is None or max(best, default=0) >= len(decision.actions):
             raise ScriptedError(
                 f"session {decision.session!r} is in a state that the teacher's environment does not have: "
                 "teach with the --gym and --gym-option that the session was created with"
             )
-        return self._best[decision.state]
+        return best
 
 
 class _Solver:
@@ -226,7 +229,8 @@ class _Solver:
             ) from None
         except LevelError as error:
             raise ScriptedError(
-                f"the view is no Sokoban ({error}); a scripted teacher knows no world but what --gym names"
+                f"the session's world is no Sokoban ({error}): name it with the --gym and --gym-option that "
+                "the session was created with, or let people teach it"
             ) from None
 
 

@@ -90,10 +90,10 @@ def _accuracy(kind: WorkerKind, given: str | None) -> float:
 class Looking:
     """Sees what is optimal and errs at a rate."""
 
-    def __init__(self, spec: WorkerSpec, seed: int, session: str) -> None:
+    def __init__(self, spec: WorkerSpec, seed: int, session: str, actions: int = 4) -> None:
         error = 1.0 - spec.accuracy
         parameters = TeacherParameters(label_error=error, reward_error=error)
-        self._teacher = SimulatedTeacher(seed, spec.name, session, parameters)
+        self._teacher = SimulatedTeacher(seed, spec.name, session, parameters, actions)
 
     def label(self, decision: int, state: bytes, optimal: Iterable[int]) -> int | None:
         """See Mind."""
@@ -117,7 +117,7 @@ class Looking:
 
 
 class Blind:
-    """Names any action, or one and the same, whatever is optimal; four actions, as the worlds here have."""
+    """Names any action, or one and the same, whatever is optimal."""
 
     def __init__(self, spec: WorkerSpec, seed: int, session: str, actions: int = 4) -> None:
         self._key = stream(seed, "crowd", spec.name, session)
@@ -148,6 +148,9 @@ class Blind:
         return 0.0
 
 
-def mind_of(spec: WorkerSpec, seed: int, session: str) -> Looking | Blind:
-    """Return how a worker thinks; every draw is named by (seed, worker, session) and the decision."""
-    return (Looking if spec.kind in ACCURACIES else Blind)(spec, seed, session)
+def mind_of(spec: WorkerSpec, seed: int, session: str, actions: int = 4) -> Looking | Blind:
+    """Return how a worker thinks; every draw is named by (seed, worker, session) and the decision.
+
+    Args: actions: number of actions; Sokoban has four.
+    """
+    return (Looking if spec.kind in ACCURACIES else Blind)(spec, seed, session, actions)

@@ -73,6 +73,13 @@ def test_two_workers_of_a_kind_err_apart_and_the_same_seed_says_the_same() -> No
     assert 0.2 < sum(a == b for a, b in zip(said[0], said[1], strict=True)) / len(STATES) < 0.3
 
 
+@pytest.mark.parametrize("mix", ["random:1", "constant:40", "adversary:1", "good@0.2:1"])
+def test_in_a_world_of_six_actions_all_six_are_named(mix: str) -> None:
+    minds = [mind_of(spec, 7, "s1", 6) for spec in parse_mix(mix)]
+    said = {mind.label(number, state, (2,)) for mind in minds for number, state in enumerate(STATES)}
+    assert said - {2} == {0, 1, 3, 4, 5}
+
+
 def test_who_does_not_look_praises_as_often_as_blames() -> None:
     mind = mind_of(parse_mix("random:1")[0], 7, "s1")
     rewards = [mind.reward(number, state, 2, (2,)) for number, state in enumerate(STATES)]

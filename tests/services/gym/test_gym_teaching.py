@@ -10,6 +10,7 @@ import pytest
 from protocol.journal import Folded, Record, fold
 from services.gym.digest import state_key
 from services.gym.world import GymGround
+from services.router import free_endpoint
 from services.runtime.journal import JournalError, read_rows
 from tests.services.cli.command_line import kill, processes, running, sfid, wait_for
 from tests.services.gym.lakes import ICE
@@ -58,6 +59,27 @@ def test_an_agent_on_slippery_ice_is_taught_the_policy_that_arrives_most_often(t
     assert table is not None
     policy = np.array([int(np.argmax(learner.values(state_key(state)))) for state in range(16)])
     assert table.evaluate(policy, 1.0)[0] == pytest.approx(14 / 17, abs=1e-6)
+
+
+def test_a_simulated_crowd_teaches_a_lake_that_it_is_told_of(tmp_path: Path) -> None:
+    where, data, config = free_endpoint(), tmp_path / "data", tmp_path / "sfid.toml"
+    config.write_text(f'listen = "{where}"\ndata = "{data}"\n[monitor]\nenabled = false\n')
+    lake, connect = ("--gym", "FrozenLake-v1", "--gym-option", "is_slippery=false"), ("--connect", where)
+    # Straight to the learner: several teachers of one session are what an aggregator hears, too.
+    teach = ("teach", "crowd", "--session", "ice", "--mix", "expert:3", "--deployment", "local", *connect)
+    with running("up", "--config", str(config), stderr=tmp_path / "up.log") as up:
+        assert up.stdout is not None
+        assert up.stdout.readline() == f"router at {where}, data in {data}\n"
+        assert sfid("session", "create", "ice", "--episodes", "3", *lake, *connect).code == 0
+        untold = sfid(*teach)
+        assert untold.code == 2
+        assert (
+            "name it with the --gym and --gym-option that the session was" in untold.stderr.splitlines()[-1]
+        )
+        assert untold.stderr.count("sfid: ") == 1
+        told = sfid(*teach, *lake, "--json")
+        assert told.code == 0, told.stderr
+    assert sum(one["accepted"] for one in json.loads(told.stdout)["workers"]) > 0
 
 
 def test_an_environment_that_no_script_can_teach_is_told_before_anything_starts(tmp_path: Path) -> None:

@@ -5,13 +5,16 @@ from typing import Any
 
 import pytest
 
-from protocol.messages import Refusal
+from protocol.messages import GymWorld, Refusal
+from services.cli.gym_options import best_actions
 from services.runtime.memory_bus import MemoryBus, MemoryHub
 from services.teachers.crowd import CrowdConfig, CrowdError, SimulatedCrowd, run
+from services.teachers.scripted import Best, ScriptedError
 from sfid_core.learning.parameters import ParameterError
 from sfid_core.teaching.answers import AnswerKind
 from sfid_core.teaching.crowd_mix import parse_mix
 from tests.services.aggregator.crowd_room import EARLY, CrowdRoom
+from tests.services.gym.lakes import DRY_LAKE, TAXI
 from tests.services.learner.classroom import session
 from tests.services.teachers.fake_learner import FakeLearner
 
@@ -23,10 +26,10 @@ def crowd_room(tmp_path: Path) -> Iterator[CrowdRoom]:
     made.close()
 
 
-def enter(room: CrowdRoom, mix: str, **settings: Any) -> SimulatedCrowd:  # noqa: ANN401 - any field
+def enter(room: CrowdRoom, mix: str, best: Best | None = None, **settings: Any) -> SimulatedCrowd:  # noqa: ANN401 - any field
     """Let a simulated crowd into the room."""
     config = CrowdConfig("s1", parse_mix(mix), seed=3, **settings)
-    crowd = SimulatedCrowd(config, MemoryBus(room.hub), room.clock)
+    crowd = SimulatedCrowd(config, MemoryBus(room.hub), room.clock, best=best)
     crowd.open()
     room.actors.append(lambda: crowd.turn(0.0))
     room.settle()
@@ -52,6 +55,30 @@ def test_who_is_reliable_is_found_out(crowd_room: CrowdRoom) -> None:
     assert min(mean for worker, mean in means.items() if "good" in worker) > 0.65
     assert max(mean for worker, mean in means.items() if "random" in worker) < 0.6
     assert max(mean for worker, mean in means.items() if "adversary" in worker) < 0.3
+
+
+@pytest.mark.parametrize("world, rides", [(DRY_LAKE, 6), (TAXI, None)])
+def test_a_crowd_teaches_an_environment_to_its_known_optimum(
+    crowd_room: CrowdRoom, world: GymWorld, rides: int | None
+) -> None:
+    crowd_room.create(session(world=world, episodes=3, method="guide"))
+    best = best_actions(world)
+    crowd = enter(crowd_room, "expert:3,random:1,adversary:1", best=best)
+    assert crowd_room.finished
+    assert {one.rejected for one in crowd.results()} == {0}
+    right = [
+        world.actions.index(answer.action) in best[answer.state]
+        for answer in crowd_room.learner_answers()
+        if answer.action is not None
+    ]
+    assert sum(right) / len(right) > 0.9
+    assert rides is None or [one.steps for one in crowd_room.episodes][-1] == rides
+
+
+def test_a_crowd_that_is_told_of_no_environment_says_so_where_one_is_taught(crowd_room: CrowdRoom) -> None:
+    crowd_room.create(session(world=DRY_LAKE))
+    with pytest.raises(ScriptedError, match=r"^the session's world is no Sokoban .* name it with the --gym"):
+        enter(crowd_room, "expert:1")
 
 
 @pytest.mark.parametrize("method,kinds", [

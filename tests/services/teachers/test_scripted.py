@@ -135,10 +135,16 @@ def test_a_level_beyond_the_solver_is_one_line() -> None:
 
 
 def test_a_view_of_another_world_is_one_line() -> None:
-    with pytest.raises(
-        ScriptedError, match=r"^the view is no Sokoban .* knows no world but what --gym names$"
-    ):
+    mend = "name it with the --gym and --gym-option that the session was created with"
+    with pytest.raises(ScriptedError, match=rf"^the session's world is no Sokoban \(.*\): {mend}, or let "):
         says(script(), decision(view="a chess board"))
+
+
+@pytest.mark.parametrize("best", [{}, {b"room": (5,)}])
+def test_a_state_of_another_environment_is_one_line(best: dict[bytes, tuple[int, ...]]) -> None:
+    teacher = Script(ScriptedConfig("s1"), lambda _decision: False, best=best)
+    with pytest.raises(ScriptedError, match=r"teach with the --gym and --gym-option that the session was"):
+        says(teacher, decision())
 
 
 def taught(learner: FakeLearner, hub: MemoryHub, **settings: object) -> None:
