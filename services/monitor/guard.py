@@ -6,17 +6,21 @@ the viewer, and cuts a viewer who takes nothing for ten seconds, or who falls to
 bounded: by the number of viewers, by what each has waiting, and by what all have waiting together.
 """
 
+from __future__ import annotations
+
 import asyncio
-import contextlib
 import logging
 import threading
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, cast
+
+if TYPE_CHECKING:
+    from collections.abc import Coroutine
 
 READ_BYTES = 1 << 18
 START_TIMEOUT_S = 5.0
-
-Receive = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+TOO_FAR_BEHIND = "is too far behind"
 
 _LOG = logging.getLogger(__name__)
 
@@ -34,18 +38,81 @@ class Limits:
     all_waiting_max: int = 256 << 20
 
 
-@dataclass(eq=False, slots=True)
-class _Viewer:
-    """One connection; `sent` is what its socket has taken."""
+class _Side(asyncio.BufferedProtocol):
+    """One end of a viewer's way to the server, or of the way back; all of them read into the same bytes."""
 
-    writer: asyncio.StreamWriter
-    given: int = 0
-    sent: int = 0
-    moved_s: float = 0.0
-    tasks: list[asyncio.Task[None]] = field(default_factory=list)
+    transport: asyncio.Transport
+
+    def __init__(self, scratch: memoryview) -> None:
+        self._scratch = scratch
+
+    def get_buffer(self, sizehint: int) -> memoryview:  # noqa: ARG002 - the interface
+        """Return where the next bytes are read to; they are passed on before anything else is read."""
+        return self._scratch
+
+
+class _Viewer(_Side):
+    """A viewer's connection; `sent` is what its socket had taken when it was looked at last."""
+
+    def __init__(self, guard: Guard, upstream: int, scratch: memoryview) -> None:
+        super().__init__(scratch)
+        self.server: _Server | None = None
+        self.given = self.sent = 0
+        self.moved_s = 0.0
+        self._guard = guard
+        self._upstream = upstream
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self.transport = cast("asyncio.Transport", transport)
+        self.transport.pause_reading()
+        self._guard.admit(self, self._upstream)
+
+    def buffer_updated(self, nbytes: int) -> None:
+        if self.server is not None:
+            self.server.transport.write(bytes(self._scratch[:nbytes]))
+
+    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - the interface
+        self._guard.dismiss(self)
+        if self.server is not None:
+            self.server.transport.abort()
+
+    def take(self, data: bytes) -> None:
+        """Keep what the server sends until the viewer takes it: its slowness is never handed on."""
+        self.transport.write(data)
+        self.given += len(data)
+        self._guard.look_at(self)
 
     def waiting(self) -> int:
-        return self.writer.transport.get_write_buffer_size()
+        """Return how many bytes wait for the viewer."""
+        return self.transport.get_write_buffer_size()
+
+
+class _Server(_Side):
+    """The connection to the server on behalf of one viewer."""
+
+    def __init__(self, viewer: _Viewer, scratch: memoryview) -> None:
+        super().__init__(scratch)
+        self._viewer = viewer
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self.transport = cast("asyncio.Transport", transport)
+        if self._viewer.transport.is_closing():  # it has not waited
+            self.transport.abort()
+            return
+        self._viewer.server = self
+        self._viewer.transport.resume_reading()
+
+    def buffer_updated(self, nbytes: int) -> None:
+        self._viewer.take(bytes(self._scratch[:nbytes]))
+
+    def pause_writing(self) -> None:
+        self._viewer.transport.pause_reading()
+
+    def resume_writing(self) -> None:
+        self._viewer.transport.resume_reading()
+
+    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - the interface
+        self._viewer.transport.close()  # once it has had the rest
 
 
 class Guard:
@@ -63,7 +130,9 @@ class Guard:
         self._viewers: set[_Viewer] = set()
         self._host = host
         self._limits = limits or Limits()
+        self._scratch = memoryview(bytearray(READ_BYTES))
         self._loop = asyncio.new_event_loop()
+        self._tasks: set[asyncio.Task[None]] = set()
         self._servers: list[asyncio.Server] = []
         self._thread = threading.Thread(target=self._run, name="monitor-guard", daemon=True)
         self._thread.start()
@@ -80,81 +149,60 @@ class Guard:
             asyncio.run_coroutine_threadsafe(self._end(), self._loop)
             self._thread.join(START_TIMEOUT_S)
 
+    def admit(self, viewer: _Viewer, upstream: int) -> None:
+        """Lead a viewer to the server, unless there are too many."""
+        if len(self._viewers) >= self._limits.viewers_max:
+            _LOG.warning("a viewer is turned away: %d connections are the most", self._limits.viewers_max)
+            viewer.transport.abort()
+            return
+        viewer.moved_s = self._loop.time()
+        self._viewers.add(viewer)
+        self._start(self._lead(viewer, upstream))
+
+    def dismiss(self, viewer: _Viewer) -> None:
+        """Note that a viewer is gone."""
+        self._viewers.discard(viewer)
+
+    def look_at(self, viewer: _Viewer) -> None:
+        """Cut a viewer for whom too much waits."""
+        if viewer.waiting() > self._limits.waiting_max:
+            self._drop(viewer, TOO_FAR_BEHIND)
+
     def _run(self) -> None:
         try:
             self._loop.run_forever()
         finally:
             self._loop.close()
 
+    def _start(self, work: Coroutine[Any, Any, None]) -> None:
+        task = self._loop.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
     async def _open(self, pairs: list[tuple[int, int]], bind: str) -> None:
         for listen, upstream in pairs:
-            receive = self._receiver(upstream)
-            self._servers.append(await asyncio.start_server(receive, bind, listen, limit=READ_BYTES))
-        self._watch = self._loop.create_task(self._look())
+            viewer = partial(_Viewer, self, upstream, self._scratch)
+            self._servers.append(await self._loop.create_server(viewer, bind, listen))
+        self._start(self._look())
 
-    def _receiver(self, upstream: int) -> Receive:
-        async def receive(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            # Cancelled is how we end; asyncio's own callback would call it a fault.
-            with contextlib.suppress(asyncio.CancelledError):
-                await self._receive(upstream, reader, writer)
-
-        return receive
+    async def _lead(self, viewer: _Viewer, upstream: int) -> None:
+        server = partial(_Server, viewer, self._scratch)
+        try:
+            await self._loop.create_connection(server, self._host, upstream)
+        except OSError as error:
+            _LOG.warning("a viewer cannot be served: %s", error)
+            viewer.transport.abort()
 
     async def _end(self) -> None:
         for server in self._servers:
             server.close()
-        for viewer in self._viewers:
-            viewer.writer.transport.abort()
-        tasks = asyncio.all_tasks(self._loop) - {asyncio.current_task()}
-        for task in tasks:
+        for viewer in list(self._viewers):
+            viewer.transport.abort()
+        for task in self._tasks:
             task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await asyncio.sleep(0)  # what was cut says so
         self._loop.call_soon(self._loop.stop)
-
-    async def _receive(
-        self, upstream: int, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
-    ) -> None:
-        if len(self._viewers) >= self._limits.viewers_max:
-            _LOG.warning("a viewer is turned away: %d connections are the most", self._limits.viewers_max)
-            writer.transport.abort()
-            return
-        viewer = _Viewer(writer, moved_s=self._loop.time())
-        self._viewers.add(viewer)
-        up: asyncio.StreamWriter | None = None
-        try:
-            down, up = await asyncio.open_connection(self._host, upstream, limit=READ_BYTES)
-            viewer.tasks = [
-                self._loop.create_task(self._pass_up(reader, up)),
-                self._loop.create_task(self._pass_down(down, viewer)),
-            ]
-            await asyncio.wait(viewer.tasks, return_when=asyncio.FIRST_COMPLETED)
-        except OSError as error:
-            _LOG.warning("a viewer cannot be served: %s", error)
-        finally:
-            for task in viewer.tasks:
-                task.cancel()
-            self._viewers.discard(viewer)
-            writer.transport.abort()
-            if up is not None:
-                up.transport.abort()
-
-    @staticmethod
-    async def _pass_up(reader: asyncio.StreamReader, up: asyncio.StreamWriter) -> None:
-        with contextlib.suppress(OSError):
-            while data := await reader.read(READ_BYTES):
-                up.write(data)
-                await up.drain()
-
-    async def _pass_down(self, down: asyncio.StreamReader, viewer: _Viewer) -> None:
-        with contextlib.suppress(OSError):
-            while data := await down.read(READ_BYTES):
-                # No `drain`: that would hand the viewer's slowness on to the server.
-                viewer.writer.write(data)
-                viewer.given += len(data)
-                if viewer.waiting() > self._limits.waiting_max:
-                    return
-            # The server has ended: let the viewer have the rest.
-            await asyncio.wait_for(viewer.writer.drain(), self._limits.stalled_s)
 
     async def _look(self) -> None:
         while True:
@@ -169,12 +217,10 @@ class Guard:
             elif now_s - viewer.moved_s > self._limits.stalled_s:
                 self._drop(viewer, f"takes nothing for {self._limits.stalled_s:.0f} s")
         while sum(viewer.waiting() for viewer in self._viewers) > self._limits.all_waiting_max:
-            self._drop(max(self._viewers, key=_Viewer.waiting), "is too far behind")
+            self._drop(max(self._viewers, key=_Viewer.waiting), TOO_FAR_BEHIND)
 
     def _drop(self, viewer: _Viewer, why: str) -> None:
         self.cut += 1
         _LOG.warning("a viewer that %s is cut: open the address again", why)
         self._viewers.discard(viewer)
-        viewer.writer.transport.abort()
-        for task in viewer.tasks:
-            task.cancel()
+        viewer.transport.abort()
