@@ -16,9 +16,14 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
 if TYPE_CHECKING:
-    from collections.abc import Coroutine
+    from collections.abc import Callable, Coroutine
 
 READ_BYTES = 1 << 18
+TURN_S = 0.005
+"""A picture goes to all viewers, each so much later than the one before: ten at once are felt by who teaches
+on the same machine, one after another is not."""
+AT_ONCE_BYTES = 1 << 16
+"""So much goes on without waiting for its turn: it is the past of a viewer who has just come, no picture."""
 START_TIMEOUT_S = 5.0
 TOO_FAR_BEHIND = "is too far behind"
 
@@ -57,8 +62,12 @@ class _Viewer(_Side):
     def __init__(self, guard: Guard, upstream: int, scratch: memoryview) -> None:
         super().__init__(scratch)
         self.server: _Server | None = None
+        self.turn = 0
+        """Place in the order in which viewers are sent the same; 0 is the first."""
         self.given = self.sent = 0
         self.moved_s = 0.0
+        self._kept: list[bytes] = []
+        self._kept_bytes = 0
         self._guard = guard
         self._upstream = upstream
 
@@ -78,13 +87,26 @@ class _Viewer(_Side):
 
     def take(self, data: bytes) -> None:
         """Keep what the server sends until the viewer takes it: its slowness is never handed on."""
-        self.transport.write(data)
+        if not self._kept:
+            self._guard.call_at_turn(self.turn, self.send_kept)
+        self._kept.append(data)
+        self._kept_bytes += len(data)
         self.given += len(data)
+        if self._kept_bytes >= AT_ONCE_BYTES:
+            self.send_kept()
         self._guard.look_at(self)
+
+    def send_kept(self) -> None:
+        """Send what was kept for this viewer's turn."""
+        data = b"".join(self._kept)
+        self._kept.clear()
+        self._kept_bytes = 0
+        if data and not self.transport.is_closing():
+            self.transport.write(data)
 
     def waiting(self) -> int:
         """Return how many bytes wait for the viewer."""
-        return self.transport.get_write_buffer_size()
+        return self._kept_bytes + self.transport.get_write_buffer_size()
 
 
 class _Server(_Side):
@@ -112,6 +134,7 @@ class _Server(_Side):
         self._viewer.transport.resume_reading()
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - the interface
+        self._viewer.send_kept()
         self._viewer.transport.close()  # once it has had the rest
 
 
@@ -156,12 +179,18 @@ class Guard:
             viewer.transport.abort()
             return
         viewer.moved_s = self._loop.time()
+        taken = {one.turn for one in self._viewers}
+        viewer.turn = min(set(range(len(taken) + 1)) - taken)
         self._viewers.add(viewer)
         self._start(self._lead(viewer, upstream))
 
     def dismiss(self, viewer: _Viewer) -> None:
         """Note that a viewer is gone."""
         self._viewers.discard(viewer)
+
+    def call_at_turn(self, turn: int, send: Callable[[], None]) -> None:
+        """Have a viewer sent what came, when it is its turn."""
+        self._loop.call_later(turn * TURN_S, send)
 
     def look_at(self, viewer: _Viewer) -> None:
         """Cut a viewer for whom too much waits."""

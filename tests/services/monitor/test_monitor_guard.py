@@ -4,6 +4,7 @@ import contextlib
 import socket
 import threading
 from collections.abc import Iterator
+from contextlib import ExitStack
 
 import pytest
 
@@ -24,6 +25,8 @@ class Server:
         self.sent = threading.Semaphore(0)
         self._go = threading.Thread(target=self._serve, daemon=True)
         self.length = 0
+        self.pieces: list[bytes] = []
+        """Sent instead of so many bytes, one after another; then the server hangs up."""
         self._go.start()
 
     def _serve(self) -> None:
@@ -38,8 +41,11 @@ class Server:
         with connection:
             assert connection.recv(5) == b"hello"
             try:
-                connection.sendall(b"x" * self.length)
+                for piece in self.pieces or [b"x" * self.length]:
+                    connection.sendall(piece)
             except OSError:
+                return
+            if self.pieces:
                 return
             self.sent.release()
             connection.recv(1)
@@ -57,7 +63,8 @@ def server() -> Iterator[Server]:
 
 def connected(port: int) -> socket.socket:
     viewer = socket.create_connection((LOOPBACK, port), timeout=DEADLINE_S)
-    viewer.sendall(b"hello")
+    with contextlib.suppress(ConnectionError):  # whoever is turned away may be gone by now
+        viewer.sendall(b"hello")
     return viewer
 
 
@@ -114,8 +121,61 @@ def test_a_viewer_too_far_behind_is_cut(server: Server) -> None:
         with connected(port) as frozen:
             assert not server.sent.acquire(timeout=1.0)
             assert received(frozen, server.length) < server.length
+            assert guard.cut == 1
     finally:
         guard.close()
+
+
+def test_every_viewer_gets_every_byte_in_order_also_those_sent_before_the_server_hung_up(
+    server: Server,
+) -> None:
+    """Small pieces wait for the viewer's turn and large ones do not, so that they meet."""
+    server.pieces = [bytes([number % 251]) * (1 << number % 20) for number in range(100)]
+    whole = b"".join(server.pieces)
+    port = free_port(set())
+    guard = Guard([(port, server.port)], LOOPBACK, LOOPBACK)
+    try:
+        with ExitStack() as stack:
+            viewers = [stack.enter_context(connected(port)) for _ in range(4)]
+            for viewer in viewers:
+                assert b"".join(iter(lambda: viewer.recv(1 << 16), b"")) == whole  # noqa: B023 - read at once
+        assert guard.cut == 0
+    finally:
+        guard.close()
+
+
+def test_one_viewer_more_than_there_may_be_is_turned_away_until_another_leaves(server: Server) -> None:
+    server.length = 1
+    port = free_port(set())
+    guard = Guard([(port, server.port)], LOOPBACK, LOOPBACK, Limits(viewers_max=2))
+    try:
+        with connected(port) as one, connected(port) as two:
+            assert (received(one, 1), received(two, 1)) == (1, 1)
+            with connected(port) as three:
+                assert received(three, 1) == 0
+            one.close()
+            assert any(comes_in(port) for _ in range(200))
+            assert guard.cut == 0
+    finally:
+        guard.close()
+
+
+def comes_in(port: int) -> bool:
+    with connected(port) as viewer:
+        return received(viewer, 1) == 1
+
+
+def test_a_viewer_of_a_server_that_is_gone_is_let_go_with_a_line(
+    server: Server, caplog: pytest.LogCaptureFixture
+) -> None:
+    gone, port = free_port({server.port}), free_port({server.port})
+    guard = Guard([(port, gone)], LOOPBACK, LOOPBACK)
+    try:
+        with connected(port) as viewer:
+            assert received(viewer, 1) == 0
+    finally:
+        guard.close()
+    assert "a viewer cannot be served" in caplog.text
 
 
 def test_a_taken_port_is_an_error_and_nothing_is_left_running(server: Server) -> None:
