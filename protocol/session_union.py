@@ -70,7 +70,7 @@ def _joined(payloads: Iterable[bytes], leave_out: int) -> tuple[list[Placed], Se
     placed: dict[str, Placed] = {}
     for each in lists:
         for place, summary in zip(_places(leave_out, *_of(each)), reversed(each.sessions), strict=False):
-            if len(lists) == 1 or older is None or place < older:
+            if older is None or place < older:
                 placed.setdefault(summary.session, (place, summary))
     told = {shard for each in lists for shard in each.told}
     shards = max((each.shards for each in lists), default=1)
