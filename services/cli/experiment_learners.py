@@ -10,7 +10,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from services.cli.experiment_settings import print_settings, settings_of
+from services.cli.experiment_settings import Setting, print_settings, settings_of
 from services.cli.experiment_shared import (
     Out,
     Plain,
@@ -29,6 +29,11 @@ from sfid_core.experiments.condition import Condition, Results
 from sfid_core.experiments.intervals import Resampling
 from sfid_core.experiments.learners import DEADLOCK_REWARD, STEPS_MAX
 from sfid_core.experiments.summary import Arm, ArmSummary
+
+Methods = Annotated[str, typer.Option(help="Methods by comma, or all; see `sfid methods [NAME]`.")]
+Teachers = Annotated[
+    str, typer.Option(help="Simulated teachers by comma, or all of the table; see `sfid teachers [NAME]`.")
+]
 
 
 class LevelFindings(NamedTuple):
@@ -54,12 +59,8 @@ def learners(  # noqa: PLR0917 - one argument a flag
     starts: Annotated[
         str, typer.Option(help='Where episodes start: "all", a number N, or "within:STEPS".')
     ] = "all",
-    methods: Annotated[
-        str, typer.Option(help="Methods by comma, or all; see `sfid methods [NAME]`.")
-    ] = "all",
-    teachers: Annotated[
-        str, typer.Option(help="Simulated teachers by comma, or all of the table; see `sfid teachers`.")
-    ] = "all",
+    methods: Methods = "all",
+    teachers: Teachers = "all",
     deadlock_reward: Annotated[
         float, typer.Option(help="What a deadlock costs beside the end.")
     ] = DEADLOCK_REWARD,
@@ -88,12 +89,7 @@ def learners(  # noqa: PLR0917 - one argument a flag
     results, seconds, sha256 = run_all(conditions, numbers, workers, out, plain=no_compile)
     found = _findings(levels, conditions, results, Resampling(seed=seed))
     files = [] if out is None else write_learner_files(out, found, numbers)
-    variants = [(row, experiment.variant_named(row)) for row in rows]
-    settings = [
-        setting
-        for row, one in variants
-        for setting in settings_of(row, one.method, one.parameters, one.teacher)
-    ]
+    settings = _settings(rows)
     if as_json:
         print_json(_document(found, seeds, seconds, sha256, files) | {"settings": settings})
         return
@@ -103,6 +99,18 @@ def learners(  # noqa: PLR0917 - one argument a flag
         print_findings(console, one.claims, ())
     print_settings(Console(), settings)
     print_findings(Console(), (), files)
+
+
+def _settings(rows: Sequence[str]) -> list[Setting]:
+    """Return what the rows set otherwise than by default."""
+    from sfid_core.experiments.learners import variant_named
+
+    variants = [(row, variant_named(row)) for row in rows]
+    return [
+        setting
+        for row, one in variants
+        for setting in settings_of(row, one.method, one.parameters, one.teacher)
+    ]
 
 
 def _findings(

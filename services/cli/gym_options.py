@@ -88,6 +88,17 @@ def gym_flags(world: GymWorld) -> tuple[str, ...]:
     return ("--gym", world.environment, *options, "--gym-actions", ",".join(world.actions))
 
 
+def best_of(
+    gym: str | None, options: list[str] | None, actions: str | None
+) -> Mapping[bytes, tuple[int, ...]] | None:
+    """Return what is best in each state of the environment that the options name, None without `--gym`.
+
+    Raises: CommandError where there is none, or nobody can know it.
+    """
+    world = gym_world(gym, options, actions)
+    return None if world is None else best_actions(world)
+
+
 def best_actions(world: GymWorld) -> Mapping[bytes, tuple[int, ...]]:
     """Return what is best in each state of an environment. Raises: CommandError where nobody can know it."""
     from services.gym.errors import GymError

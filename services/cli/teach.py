@@ -9,7 +9,7 @@ import typer
 
 from protocol.keys import KeyNameError, Keys, checked
 from services.cli.failure import CommandError
-from services.cli.gym_options import Gym, GymActions, GymOption, best_actions, gym_world
+from services.cli.gym_options import Gym, GymActions, GymOption, best_of
 from services.cli.options import (
     CONNECT_TIMEOUT_MS,
     ENDPOINT,
@@ -39,6 +39,14 @@ TokenFile = Annotated[
         help="File of `sfid keys new`, or with what `sfid invite --name` printed, where one is required."
     ),
 ]
+Mix = Annotated[
+    str,
+    typer.Option(
+        help="Who is in it: KIND:COUNT or KIND@ACCURACY:COUNT, several parted by commas. Kinds: expert, "
+        "good (0.8), careless (0.6), random, constant, adversary (0)."
+    ),
+]
+HowMany = Annotated[int | None, typer.Option(help="How many they are together; checked against the mix.")]
 NameOption = Annotated[str, typer.Option(help="Pseudonym of the teacher: a-z, 0-9, - and _.")]
 
 
@@ -93,8 +101,7 @@ def scripted(  # noqa: PLR0917 - one argument a flag
 
     keys = _names(session, name, deployment)
     faults = persona_named(persona, given_parameters(fault))
-    world = gym_world(gym, gym_option, gym_actions)
-    best = None if world is None else best_actions(world)
+    best = best_of(gym, gym_option, gym_actions)
     process = ServiceProcess(ProcessConfig(f"teacher-{name}", supervised_fd, verbose))
     config = ScriptedConfig(
         session=session, teacher=name, seed=seed, parameters=faults, delay_ms=delay_ms,
@@ -137,16 +144,8 @@ def keyboard(
 @teach_app.command()
 def crowd(  # noqa: PLR0917 - one argument a flag
     session: SessionOption,
-    mix: Annotated[
-        str,
-        typer.Option(
-            help="Who is in it: KIND:COUNT or KIND@ACCURACY:COUNT, several parted by commas. Kinds: expert, "
-            "good (0.8), careless (0.6), random, constant, adversary (0)."
-        ),
-    ] = "good:12,random:5,adversary:3",
-    workers: Annotated[
-        int | None, typer.Option(help="How many they are together; checked against the mix.")
-    ] = None,
+    mix: Mix = "good:12,random:5,adversary:3",
+    workers: HowMany = None,
     name: Annotated[str, typer.Option(help="How the workers' pseudonyms begin.")] = "w",
     delay_ms: Annotated[
         int, typer.Option(help="Mean thinking time in ms; each worker has one of their own.")
@@ -174,13 +173,12 @@ def crowd(  # noqa: PLR0917 - one argument a flag
 
     keys = _names(session, name, deployment)
     specs = parse_mix(mix, name)
-    if workers is not None and workers != len(specs):
+    if workers not in {None, len(specs)}:
         message = (
             f"the mix has {len(specs)} workers, --workers says {workers}: leave --workers out or mend one"
         )
         raise CommandError(message)
-    world = gym_world(gym, gym_option, gym_actions)
-    best = None if world is None else best_actions(world)
+    best = best_of(gym, gym_option, gym_actions)
     config = CrowdConfig(session, specs, seed, delay_ms, dropout_rate, away_ms, keys.deployment)
     process = ServiceProcess(ProcessConfig(f"crowd-{name}", supervised_fd, verbose))
     bus = service_bus(connect, process.stop, teaching_role(deployment), access)
