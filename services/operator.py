@@ -65,11 +65,11 @@ class Operator:
 
     def sessions(self) -> SessionList:
         """Return a line about every session of the shards in `told`, whose learners replied to the end."""
-        page = self._until_answered(partial(self._page_of_list, 0))
+        page = self._page_of_list(0, None)
         told = set(page.told)
         latest_first = {one.session: one for one in reversed(page.sessions)}
         while page.older is not None:
-            page = self._until_answered(partial(self._page_of_list, page.older))
+            page = self._page_of_list(page.older, told)
             told.intersection_update(page.told)
             for one in reversed(page.sessions):  # moved on by a newer session, one may come again
                 latest_first.setdefault(one.session, one)
@@ -109,7 +109,18 @@ class Operator:
 
         return self._until_answered(once)
 
-    def _page_of_list(self, leave_out: int) -> SessionList | bytes | None:
+    def _page_of_list(self, leave_out: int, awaited: set[int] | None) -> SessionList:
+        """Return a page of the list, asked for again where an awaited shard (None: any) is lacking.
+
+        A reply can be lost on its way: after one question nobody is called absent.
+        """
+        page = self._until_answered(partial(self._lists, leave_out))
+        if (set(range(page.shards)) if awaited is None else awaited) <= set(page.told):
+            return page
+        again = self._until_answered(partial(self._lists, leave_out))
+        return max(page, again, key=lambda one: len(one.told))
+
+    def _lists(self, leave_out: int) -> SessionList | bytes | None:
         """Return a page of the lists of all learners as one, else a refusal, else None."""
         replies: queue.SimpleQueue[tuple[Reply, ...]] = queue.SimpleQueue()
         query = encode(SessionQuery(leave_out=leave_out))

@@ -61,24 +61,29 @@ class PlainTeacher:
         return self.query(key, msgpack.packb({"schema": 1, **message}))
 
     def sessions(self) -> tuple[list[Map], set[int]]:
-        """All sessions, and the shards that no reply to one of the questions told of."""
+        """All sessions, and the shards that no reply told of though a question was asked twice."""
         found: dict[str, Map] = {}
         absent: set[int] = set()
         leave_out: int | None = 0
         while leave_out is not None:
-            query = {"type": "session-query", "schema": 1, "leave_out": leave_out}
-            # Several learners: consolidation NONE, and every reply is read
-            replies = self.zenoh.get(
-                f"{self.root}/learner/list",
-                payload=msgpack.packb(query), timeout=2.0, consolidation=zenoh.ConsolidationMode.NONE,
-            )  # fmt: skip
-            lists = [msgpack.unpackb(bytes(reply.ok.payload)) for reply in replies if reply.ok is not None]
+            lists = self.lists(leave_out)
+            if lacking(lists):
+                lists = self.lists(leave_out)
+            absent |= lacking(lists)
             found |= {one["session"]: one for each in lists for one in each["sessions"]}
-            told = {shard for each in lists for shard in each["told"]}
-            absent |= {shard for each in lists for shard in range(each["shards"])} - told
-            older = [each["older"] for each in lists if each["older"] is not None]
-            leave_out = min(older, default=None)
+            leave_out = min((each["older"] for each in lists if each["older"] is not None), default=None)
         return list(found.values()), absent
+
+    def lists(self, leave_out: int) -> list[Map]:
+        """Several learners: consolidation NONE, and every reply is read."""
+        query = msgpack.packb({"type": "session-query", "schema": 1, "leave_out": leave_out})
+        replies = self.zenoh.get(
+            f"{self.root}/learner/list",
+            payload=query,
+            timeout=2.0,
+            consolidation=zenoh.ConsolidationMode.NONE,
+        )
+        return [msgpack.unpackb(bytes(reply.ok.payload)) for reply in replies if reply.ok is not None]
 
     def join(self) -> Map:
         ok, welcome = self.ask(
@@ -121,3 +126,9 @@ class PlainTeacher:
             assert reply["check"] == check
             assert reply["answer_id"] == msgpack.unpackb(payload)["answer_id"]
         return ok, reply
+
+
+def lacking(lists: list[Map]) -> set[int]:
+    """All sessions: the shards that no list tells of; where there is no list at all, one is missed."""
+    shards = max((each["shards"] for each in lists), default=1)
+    return set(range(shards)) - {shard for each in lists for shard in each["told"]}

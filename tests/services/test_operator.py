@@ -104,3 +104,43 @@ def test_a_learner_that_restarts_between_two_pages_is_asked_again() -> None:
     whole = Operator(MemoryBus(hub), KEYS, pause=paused.append).sessions()
     assert [one.session for one in whole.sessions] == ["s1", "s2"]
     assert (asked, len(paused), untold(whole)) == ([0, 1, 1], 1, ())
+
+
+@pytest.mark.parametrize("lost", [0, 2])
+def test_a_reply_that_is_lost_on_its_way_makes_no_learner_absent(lost: int) -> None:
+    hub = MemoryHub(inline=True)
+    pages = {
+        0: {0: listed("a2", shards=2, told=(0,), older=2), 2: listed("a1", shards=2, told=(0,))},
+        1: {0: listed("b2", shards=2, told=(1,), older=3), 2: listed("b1", shards=2, told=(1,))},
+    }
+    asked: list[tuple[int, int]] = []
+
+    def learner(shard: int) -> Callable[[Request], None]:
+        def serve(request: Request) -> None:
+            leave_out = decode(request.payload, SessionQuery).leave_out
+            asked.append((shard, leave_out))
+            if shard == 0 or leave_out != lost or asked.count((1, lost)) > 1:
+                request.reply(encode(pages[shard][leave_out]))
+
+        return serve
+
+    for shard in pages:
+        MemoryBus(hub).serve(KEYS.learner("list"), learner(shard), shared=True)
+    whole = Operator(MemoryBus(hub), KEYS).sessions()
+    assert sorted(one.session for one in whole.sessions) == ["a1", "a2", "b1", "b2"]
+    assert untold(whole) == ()
+    assert sorted(leave_out for shard, leave_out in asked if shard == 1) == sorted([0, 2, lost])
+
+
+def test_a_learner_known_to_be_absent_is_not_waited_for_at_every_page() -> None:
+    hub = MemoryHub(inline=True)
+    asked: list[int] = []
+
+    def serve(request: Request) -> None:
+        asked.append(decode(request.payload, SessionQuery).leave_out)
+        older = asked[-1] + 2 if asked[-1] < 6 else None
+        request.reply(encode(listed(f"s{asked[-1]}", shards=2, told=(0,), older=older)))
+
+    MemoryBus(hub).serve(KEYS.learner("list"), serve, shared=True)
+    whole = Operator(MemoryBus(hub), KEYS).sessions()
+    assert (asked, untold(whole), len(whole.sessions)) == ([0, 0, 2, 4, 6], (1,), 4)

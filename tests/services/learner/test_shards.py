@@ -281,7 +281,7 @@ def test_an_old_owner_that_wakes_up_answers_no_question(full: School, verb: str)
 
 
 class Desk(MemoryBus):
-    """An operator's bus: whoever asks all learners is answered at once, and told of each page."""
+    """An operator's bus: whoever asks all learners is answered at once; `between` follows with the count."""
 
     def __init__(self, school: School, between: Callable[[int], None]) -> None:
         super().__init__(school.hub)
@@ -383,7 +383,7 @@ def test_a_shard_that_comes_while_pages_are_read_is_named_since_its_first_page_w
     wide.stop_shard(2)
 
     def start(page: int) -> None:
-        if page == 1:
+        if page == 2:  # the first one was asked for twice
             wide.start_shard(2, wide.alone)
 
     assert untold(Operator(Desk(wide, start), KEYS).sessions()) == (2,)
