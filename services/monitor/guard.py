@@ -151,6 +151,7 @@ class Guard:
         self.cut = 0
         """Viewers that were cut because they did not keep up."""
         self._viewers: set[_Viewer] = set()
+        self._servers_each = len(pairs)
         self._host = host
         self._limits = limits or Limits()
         self._scratch = memoryview(bytearray(READ_BYTES))
@@ -165,6 +166,11 @@ class Guard:
         except OSError:
             self.close()
             raise
+
+    @property
+    def viewers(self) -> int:
+        """How many viewers there are: each has a connection to every server."""
+        return -(-len(self._viewers) // self._servers_each)
 
     def close(self) -> None:
         """Cut everybody and end."""

@@ -24,6 +24,8 @@ SCENE_HISTORY = "32MB"
 CURVES_HISTORY = "96MB"
 START_TIMEOUT_S = 5.0
 CLOSE_TIMEOUT_S = 1.0
+VIEWERS_AT_FULL_PACE = 4
+"""Beyond so many viewers each is shown less, so that all of them cost little more."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -65,6 +67,11 @@ class Live:
     def dropped(self) -> int:
         """Rows that viewers were too slow for."""
         return self._rows.dropped
+
+    @property
+    def pace(self) -> int:
+        """How many times as long as usual viewers wait for the next picture, 1 or more."""
+        return max(1, -(-self._guard.viewers // VIEWERS_AT_FULL_PACE))
 
     def show(self, recording_id: str, rows: Rows) -> None:
         """Queue rows for the viewers; never waits."""

@@ -122,7 +122,7 @@ class SessionView:
         return max(0.0, self.decision.remaining_ms / 1000 - (now_s - self.decided_s))
 
     def tick(self, now_s: float, pace: int = 1) -> Due:
-        """Return what is due; `pace` is the number of sessions that share the viewers' message rate."""
+        """Return what is due; viewers wait `pace` times as long: sessions and viewers share one rate."""
         due = Due(kept=self._kept())
         if self._is_due("scene", now_s, SCENE_PERIOD_S * pace):
             self._draw_scene(due.live, now_s, pace)

@@ -150,15 +150,16 @@ class Worker:
                     self._desk.reply(item.request)
         now_s = self._now_s()
         active = sum(now_s - watched.heard_s < 1.0 for watched in self._watched.values())
+        pace = max(1, active) * (1 if self._live is None else self._live.pace)
         for watched in self._watched.values():
-            self._show(watched, watched.view.tick(now_s, max(1, active)))
-        self._show_overview(now_s, max(1, active))
+            self._show(watched, watched.view.tick(now_s, pace))
+        self._show_overview(now_s, pace)
 
-    def _show_overview(self, now_s: float, active: int) -> None:
+    def _show_overview(self, now_s: float, pace: int) -> None:
         """All sessions at a glance, for the viewers of each: whoever watches one sees the others."""
         if self._live is None or not self._watched or now_s < self._overview_due_s:
             return
-        self._overview_due_s = now_s + PERIOD_S * active
+        self._overview_due_s = now_s + PERIOD_S * pace
         glances = [glance(name, each.view, now_s) for name, each in sorted(self._watched.items())]
         self._unshown = {name: at_s for name, at_s in self._unshown.items() if now_s - at_s < UNSHOWN_S}
         for watched in self._watched.values():
