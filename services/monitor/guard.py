@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
+from collections import Counter
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
@@ -20,8 +21,8 @@ if TYPE_CHECKING:
 
 READ_BYTES = 1 << 18
 TURN_S = 0.005
-"""A picture goes to all viewers, each so much later than the one before: ten at once are felt by who teaches
-on the same machine, one after another is not."""
+"""What a server sends goes to its viewers one so much later than the other: ten at once are felt by who
+teaches on the same machine, one after another is not."""
 AT_ONCE_BYTES = 1 << 16
 """So much goes on without waiting for its turn: it is the past of a viewer who has just come, no picture."""
 START_TIMEOUT_S = 5.0
@@ -36,8 +37,11 @@ class Limits:
 
     stalled_s: float = 10.0
     """A viewer that has bytes waiting and takes none for so long is cut."""
+    silent_s: float = 5.0
+    """Whoever has come and says nothing for so long is no viewer, and is cut."""
     look_s: float = 1.0
-    viewers_max: int = 32
+    connections_max: int = 64
+    """A viewer has one to each server."""
     waiting_max: int = 192 << 20
     """Bytes that wait for one viewer: more than both histories, which a late viewer gets at once."""
     all_waiting_max: int = 256 << 20
@@ -62,21 +66,23 @@ class _Viewer(_Side):
     def __init__(self, guard: Guard, upstream: int, scratch: memoryview) -> None:
         super().__init__(scratch)
         self.server: _Server | None = None
+        self.upstream = upstream
         self.turn = 0
-        """Place in the order in which viewers are sent the same; 0 is the first."""
+        """Place in the order in which viewers of a server are sent the same; 0 is the first."""
+        self.speaks = False
         self.given = self.sent = 0
         self.moved_s = 0.0
         self._kept: list[bytes] = []
         self._kept_bytes = 0
         self._guard = guard
-        self._upstream = upstream
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self.transport = cast("asyncio.Transport", transport)
         self.transport.pause_reading()
-        self._guard.admit(self, self._upstream)
+        self._guard.admit(self)
 
     def buffer_updated(self, nbytes: int) -> None:
+        self.speaks = True
         if self.server is not None:
             self.server.transport.write(bytes(self._scratch[:nbytes]))
 
@@ -138,6 +144,11 @@ class _Server(_Side):
         self._viewer.transport.close()  # once it has had the rest
 
 
+def free_turn(taken: set[int]) -> int:
+    """Return the first turn that nobody has."""
+    return min(set(range(len(taken) + 1)) - taken)
+
+
 class Guard:
     """Listens where viewers come, and passes each on to the server; one thread for all of them."""
 
@@ -149,9 +160,8 @@ class Guard:
         Args: bind: address that viewers reach; host: address of the servers.
         """
         self.cut = 0
-        """Viewers that were cut because they did not keep up."""
+        """Connections that were cut because they did not keep up, or said nothing."""
         self._viewers: set[_Viewer] = set()
-        self._servers_each = len(pairs)
         self._host = host
         self._limits = limits or Limits()
         self._scratch = memoryview(bytearray(READ_BYTES))
@@ -169,8 +179,9 @@ class Guard:
 
     @property
     def viewers(self) -> int:
-        """How many viewers there are: each has a connection to every server."""
-        return -(-len(self._viewers) // self._servers_each)
+        """How many viewers are being shown something: the most that a server has."""
+        shown = Counter(viewer.upstream for viewer in self._viewers.copy() if viewer.given)
+        return max(shown.values(), default=0)
 
     def close(self) -> None:
         """Cut everybody and end."""
@@ -178,17 +189,16 @@ class Guard:
             asyncio.run_coroutine_threadsafe(self._end(), self._loop)
             self._thread.join(START_TIMEOUT_S)
 
-    def admit(self, viewer: _Viewer, upstream: int) -> None:
+    def admit(self, viewer: _Viewer) -> None:
         """Lead a viewer to the server, unless there are too many."""
-        if len(self._viewers) >= self._limits.viewers_max:
-            _LOG.warning("a viewer is turned away: %d connections are the most", self._limits.viewers_max)
+        if len(self._viewers) >= self._limits.connections_max:
+            _LOG.warning("a viewer is turned away: %d connections are the most", self._limits.connections_max)
             viewer.transport.abort()
             return
         viewer.moved_s = self._loop.time()
-        taken = {one.turn for one in self._viewers}
-        viewer.turn = min(set(range(len(taken) + 1)) - taken)
+        viewer.turn = free_turn({one.turn for one in self._viewers if one.upstream == viewer.upstream})
         self._viewers.add(viewer)
-        self._start(self._lead(viewer, upstream))
+        self._start(self._lead(viewer))
 
     def dismiss(self, viewer: _Viewer) -> None:
         """Note that a viewer is gone."""
@@ -220,10 +230,10 @@ class Guard:
             self._servers.append(await self._loop.create_server(viewer, bind, listen))
         self._start(self._look())
 
-    async def _lead(self, viewer: _Viewer, upstream: int) -> None:
+    async def _lead(self, viewer: _Viewer) -> None:
         server = partial(_Server, viewer, self._scratch)
         try:
-            await self._loop.create_connection(server, self._host, upstream)
+            await self._loop.create_connection(server, self._host, viewer.upstream)
         except OSError as error:
             _LOG.warning("a viewer cannot be served: %s", error)
             viewer.transport.abort()
@@ -247,7 +257,10 @@ class Guard:
     def _cut_who_stalls(self, now_s: float) -> None:
         for viewer in list(self._viewers):
             sent = viewer.given - viewer.waiting()
-            if sent != viewer.sent or not viewer.waiting():
+            if not viewer.speaks:
+                if now_s - viewer.moved_s > self._limits.silent_s:
+                    self._drop(viewer, f"says nothing for {self._limits.silent_s:.0f} s")
+            elif sent != viewer.sent or not viewer.waiting():
                 viewer.sent, viewer.moved_s = sent, now_s
             elif now_s - viewer.moved_s > self._limits.stalled_s:
                 self._drop(viewer, f"takes nothing for {self._limits.stalled_s:.0f} s")

@@ -69,6 +69,11 @@ class Live:
         return self._rows.dropped
 
     @property
+    def cut(self) -> int:
+        """Connections of viewers that were cut."""
+        return self._guard.cut
+
+    @property
     def pace(self) -> int:
         """How many times as long as usual viewers wait for the next picture, 1 or more."""
         return max(1, -(-self._guard.viewers // VIEWERS_AT_FULL_PACE))

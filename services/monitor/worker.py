@@ -86,11 +86,12 @@ class Worker:
         self._desk = StatusDesk("monitor", "0", clock, self._facts)
 
     def _facts(self) -> dict[str, Any]:
-        unreadable = {"malformed": self.counts.malformed, "dropped": self.inbox.dropped}
+        cut = 0 if self._live is None else self._live.cut
+        refused = {"malformed": self.counts.malformed, "dropped": self.inbox.dropped, "viewers-cut": cut}
         return {
             "backlog": self.inbox.waiting,
             "sessions": len(self._watched),
-            "refused": {reason: count for reason, count in unreadable.items() if count},
+            "refused": {reason: count for reason, count in refused.items() if count},
         }
 
     def subscribe(self) -> None:

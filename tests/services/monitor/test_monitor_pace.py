@@ -27,11 +27,16 @@ PICTURES = DECISIONS * DECISION_MS / (SCENE_PERIOD_S * 1_000)
 """For one viewer of one session."""
 
 
+HELLO = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])
+"""How every HTTP/2 client begins: the preface and empty settings (RFC 9113, 3.4)."""
+
+
 class Screen:
     """Stands where viewers are, and counts what each would be shown."""
 
     def __init__(self, pace: int) -> None:
         self.pace = pace
+        self.cut = 0
         self.worlds = 0
         self.overviews = 0
 
@@ -86,9 +91,15 @@ def test_beyond_four_viewers_the_pace_slows_and_comes_back_when_they_leave() -> 
         assert live.pace == 1
         with ExitStack() as stack:
             for viewers, pace in ((VIEWERS_AT_FULL_PACE, 1), (1, 2), (VIEWERS_AT_FULL_PACE, 3)):
-                for port in (addresses.scene_port, addresses.curves_port) * viewers:
-                    stack.enter_context(socket.create_connection((LOOPBACK, port)))
+                for _ in range(viewers):
+                    viewer = socket.create_connection((LOOPBACK, addresses.scene_port))
+                    stack.enter_context(viewer).sendall(HELLO)
+                    assert viewer.recv(1)  # the server's own settings
                 eventually(lambda: live.pace == pace)  # noqa: B023 - waited for in this turn
+            for _ in range(VIEWERS_AT_FULL_PACE):  # whoever says nothing is no viewer
+                stack.enter_context(socket.create_connection((LOOPBACK, addresses.scene_port)))
+            assert live.pace == 3
         eventually(lambda: live.pace == 1)
+        assert live.cut == 0
     finally:
         assert live.close(5.0)
