@@ -13,7 +13,7 @@ from services.monitor.rows import Rows
 from services.monitor.writer import Writer, stream
 
 TICK_S = 0.5
-"""A killed monitor loses no more than this of its file."""
+"""What is written together is in the file so much later."""
 FLUSH_TIMEOUT_S = 1.0
 
 _LOG = logging.getLogger(__name__)

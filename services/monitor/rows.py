@@ -1,5 +1,6 @@
 """What the monitor shows, as plain data: the seam between what is computed and how Rerun is told."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -99,3 +100,49 @@ class Rows:
 
     scene: list[Picture] = field(default_factory=list)
     curves: list[Row] = field(default_factory=list)
+
+
+def merged(rows: Iterable[Row]) -> list[Row]:
+    """Return the same rows in fewer batches: one for each curve, lane and the event log, in their order.
+
+    Rerun keeps a kilobyte about each batch as long as the file is open, whatever is in it.
+    """
+    batches: dict[tuple[type, str], list[Row]] = {}
+    for number, row in enumerate(rows):
+        match row:
+            case Curves(entity):
+                key = entity
+            case Lane(teacher) | Reliabilities(teacher):
+                key = teacher
+            case Events():
+                key = ""
+            case _:  # each stands for itself
+                key = str(number)
+        batches.setdefault((type(row), key), []).append(row)
+    return [_one(batch) for batch in batches.values()]
+
+
+def _one(batch: list[Row]) -> Row:
+    match batch[0]:
+        case first if len(batch) == 1:
+            return first
+        case Curves(entity):
+            curves = [row for row in batch if isinstance(row, Curves)]
+            return Curves(entity, _moments(curves), np.concatenate([row.values for row in curves]))
+        case Lane(teacher):
+            lanes = [row for row in batch if isinstance(row, Lane)]
+            return Lane(teacher, _moments(lanes), tuple(state for row in lanes for state in row.states))
+        case Reliabilities(teacher, colour):
+            known = [row for row in batch if isinstance(row, Reliabilities)]
+            means = tuple(mean for row in known for mean in row.means)
+            errors = tuple(error for row in known for error in row.errors)
+            return Reliabilities(teacher, colour, _moments(known), means, errors)
+        case _:
+            events = [row for row in batch if isinstance(row, Events)]
+            texts = tuple(text for row in events for text in row.texts)
+            levels = tuple(level for row in events for level in row.levels)
+            return Events(_moments(events), texts, levels)
+
+
+def _moments(batch: Iterable[Curves | Lane | Reliabilities | Events]) -> tuple[Moment, ...]:
+    return tuple(moment for row in batch for moment in row.moments)

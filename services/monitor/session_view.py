@@ -10,7 +10,7 @@ from protocol.messages import Crowd, Decision, Episode, SessionReport, Step, Wor
 from services.gym.rendering import is_board
 from services.monitor.chronicle import Chronicle, wall
 from services.monitor.policy import draw_policy
-from services.monitor.rows import Curves, Document, Moment, Picture, Row, Rows
+from services.monitor.rows import Curves, Document, Moment, Picture, Row, Rows, merged
 from services.monitor.sampling import LIVE_POINT_MS, Pace
 from services.monitor.scene import (
     Frame,
@@ -28,6 +28,9 @@ SCENE_PERIOD_S = 0.1
 COUNT_DOWN_PERIOD_S = 0.2
 POLICY_PERIOD_S = 0.5
 STATUS_PERIOD_S = 0.5
+FILE_PERIOD_S = 10.0
+"""A killed monitor loses so much of its file; `sfid export` makes it anew from the journal. Rows that were
+written as they come would fill the memory within hours: see `rows.merged`."""
 CURVES_PERIOD_S = 2.0
 CURVES_PERIOD_LATER_S = 5.0
 """After an hour: a late joiner replays the whole history, and few messages keep that short."""
@@ -63,11 +66,14 @@ class SessionView:
         """When the learner last said anything."""
         self._earlier: deque[Message] | None = deque(maxlen=EARLIER_MAX) if past else None
         self._opened_s = opened_s
-        self._due_s = dict.fromkeys(("scene", "count-down", "policy", "status", "curves"), opened_s)
+        self._due_s = dict.fromkeys(
+            ("file", "taken", "scene", "count-down", "policy", "status", "curves"), opened_s
+        )
         self._stage = Stage()
         self._shown: Frame | None = None
         self._policy_stale = False
         self._told = ""
+        self._unwritten = Rows()
         self._waiting: list[Row] = []
         self._past: deque[Picture] = deque(maxlen=PAST_PICTURES_MAX)
         self._points: dict[str, Pace] = {}
@@ -123,7 +129,11 @@ class SessionView:
 
     def tick(self, now_s: float, pace: int = 1) -> Due:
         """Return what is due; viewers wait `pace` times as long: sessions and viewers share one rate."""
-        due = Due(kept=self._kept())
+        due = Due()
+        if self._is_due("taken", now_s, CURVES_PERIOD_S):
+            self._take_kept()
+        if self._is_due("file", now_s, FILE_PERIOD_S):
+            due.kept = self._to_be_written()
         if self._is_due("scene", now_s, SCENE_PERIOD_S * pace):
             self._draw_scene(due.live, now_s, pace)
         if self._policy_stale and self._is_due("policy", now_s, POLICY_PERIOD_S * pace):
@@ -139,7 +149,8 @@ class SessionView:
         """Return everything that has not been returned yet."""
         self.past_is_told()
         self.chronicle.give_up_missing()
-        due = Due(kept=self._kept())
+        self._take_kept()
+        due = Due(kept=self._to_be_written())
         # A held frame and one after it at most: what was on stage when the session's view ends.
         for number in range(3):
             self._draw_scene(due.live, now_s + 60.0 * (number + 1), 1)
@@ -157,9 +168,11 @@ class SessionView:
             self.view = decision.view
             self._stage.offer((frame_of_decision(decision, None),))
 
-    def _kept(self) -> Rows:
-        """The chronicle's rows: all for the file; for viewers the curves, thinned, and past pictures."""
+    def _take_kept(self) -> None:
+        """Take the chronicle's rows: all for the file; for viewers the curves, thinned, and past pictures."""
         rows = self.chronicle.take()
+        self._unwritten.scene += rows.scene
+        self._unwritten.curves += rows.curves
         for row in rows.curves:
             if not isinstance(row, Document) or row.entity != NOW:
                 self._waiting.append(self._thinned(row) if isinstance(row, Curves) else row)
@@ -168,7 +181,10 @@ class SessionView:
         self._waiting.extend(row for row in rows.scene if row.entity not in {"world", "policy"})
         if self._earlier is not None:
             self._past.extend(row for row in rows.scene if row.entity == "world")
-        return rows
+
+    def _to_be_written(self) -> Rows:
+        rows, self._unwritten = self._unwritten, Rows()
+        return Rows(rows.scene, merged(rows.curves))
 
     def _thinned(self, row: Curves) -> Curves:
         pace = self._points.setdefault(row.entity, Pace(LIVE_POINT_MS))
@@ -177,7 +193,7 @@ class SessionView:
 
     def _send_waiting(self, rows: Rows) -> None:
         waiting, self._waiting = self._waiting, []
-        rows.curves.extend(row for row in waiting if not isinstance(row, Curves) or row.moments)
+        rows.curves.extend(merged(row for row in waiting if not isinstance(row, Curves) or row.moments))
         if self._earlier is None and self._past:
             rows.scene[:0] = self._past
             self._past.clear()

@@ -36,6 +36,7 @@ from rig import Rig, percentile, print_result, services, session_config
 from protocol.codec import decode, encode
 from protocol.keys import Keys
 from protocol.messages import Answer, Decision, Episode, Join, Step, Welcome, WindowSpec
+from protocol.status_message import ServiceStatus
 from services.monitor.config import LOOPBACK, free_port
 from services.monitor.web import viewer_program
 from services.router import free_endpoint
@@ -148,12 +149,12 @@ def hours(count: float) -> dict[str, object]:
         stack.callback(bus.close)
         monitor = Monitor(endpoint, "bench", Path(name))
         stack.callback(monitor.close)
-        begun, episodes, resident = time.monotonic(), 0, []
+        begun, episodes, dropped, resident = time.monotonic(), 0, 0, []
         for number, message in enumerate(long_lesson(decisions)):
             publish(bus, message)
             episodes += isinstance(message, Episode)
             if number % BATCH == BATCH - 1:
-                settle(monitor)
+                dropped = settle(bus)
                 resident.append(monitor.memory_mb()[0])
         sent_s = time.monotonic() - begun
         PAUSE.wait(6.0)
@@ -162,7 +163,7 @@ def hours(count: float) -> dict[str, object]:
         tenth = max(1, len(resident) // 10)
         return {
             "hours": count, "decisions": decisions, "episodes": episodes, "sent_in_s": sent_s,
-            "monitor_cpu_s": monitor.cpu_s(), "memory_mb_most": most_mb, "memory_mb_now": now_mb,
+            "dropped_messages": dropped, "monitor_cpu_s": monitor.cpu_s(), "memory_mb_most": most_mb, "memory_mb_now": now_mb,
             "memory_mb_after_a_tenth": resident[tenth - 1], "memory_mb_limit": float(MEMORY_MB_MAX),
             "late_viewer_shown_after_s": appeared_s, "late_viewer_target_s": 3.0,
         }  # fmt: skip
@@ -175,15 +176,18 @@ def publish(bus: ZenohBus, message: Decision | Step | Episode) -> None:
     bus.publish(key(message.session), encode(message))
 
 
-def settle(monitor: Monitor) -> None:
-    """Wait until the monitor has worked off what it was sent: its CPU time stands nearly still."""
-    before = monitor.cpu_s()
+def settle(bus: ZenohBus) -> int:
+    """Wait until the monitor has worked off what it was sent; return how many messages it has dropped."""
+    key = Keys("bench").status("monitor", "0")
     while True:
-        PAUSE.wait(0.05)
-        now = monitor.cpu_s()
-        if now - before < 0.04:
-            return
-        before = now
+        replies: queue.SimpleQueue[Reply | None] = queue.SimpleQueue()
+        bus.ask(key, b"", replies.put, 5_000)
+        reply = replies.get()
+        if reply is not None and reply.ok:
+            status = decode(reply.payload, ServiceStatus)
+            if status.backlog == 0:
+                return status.refused.get("dropped", 0)
+        PAUSE.wait(0.02)
 
 
 def late(path: Path, monitor: Monitor, stack: ExitStack) -> float:
