@@ -28,12 +28,17 @@ from services.runtime.bus import Bus, Reply
 from services.topology import OPERATOR
 
 M = TypeVar("M", bound=Wire)
+A = TypeVar("A", bound=Wire | list[bytes])
 TIMEOUT_MS = 2_000
 RETRY_S = 0.1
 
 
 class OperatorError(Exception):
     """The learner refused or does not answer; the text is one line."""
+
+
+class UnansweredError(OperatorError):
+    """Nobody answered for as long as the patience lasts."""
 
 
 class Operator:
@@ -64,12 +69,19 @@ class Operator:
         self._ask(self._keys.learner("branch"), Branch(session=session, episode=episode, branch=name), Done)
 
     def sessions(self) -> SessionList:
-        """Return a line about every session of the shards in `told`, whose learners replied to the end."""
+        """Return a line about every session of the shards in `told`, whose learners replied to the end.
+
+        Where nobody answers any more on the way, `told` is empty: the lines are those heard so far.
+        """
         page = self._page_of_list(0, None)
         told = set(page.told)
         latest_first = {one.session: one for one in reversed(page.sessions)}
         while page.older is not None:
-            page = self._page_of_list(page.older, told)
+            try:
+                page = self._page_of_list(page.older, told)
+            except UnansweredError:
+                page, told = replace(page, older=None), set()
+                break
             told.intersection_update(page.told)
             for one in reversed(page.sessions):  # moved on by a newer session, one may come again
                 latest_first.setdefault(one.session, one)
@@ -112,26 +124,26 @@ class Operator:
     def _page_of_list(self, leave_out: int, awaited: set[int] | None) -> SessionList:
         """Return a page of the list, asked for again where an awaited shard (None: any) is lacking.
 
-        A reply can be lost on its way: after one question nobody is called absent.
+        A reply can be lost on its way: after one question nobody is called absent. What was replied to either
+        question counts, and the second is asked without patience.
         """
-        page = self._until_answered(partial(self._lists, leave_out))
+        heard = self._until_answered(partial(self._lists, leave_out))
+        page = _read(partial(union, heard, leave_out))
         if (set(range(page.shards)) if awaited is None else awaited) <= set(page.told):
             return page
-        again = self._until_answered(partial(self._lists, leave_out))
-        return max(page, again, key=lambda one: len(one.told))
+        again = self._lists(leave_out)
+        return _read(partial(union, [*heard, *again], leave_out)) if isinstance(again, list) else page
 
-    def _lists(self, leave_out: int) -> SessionList | bytes | None:
-        """Return a page of the lists of all learners as one, else a refusal, else None."""
+    def _lists(self, leave_out: int) -> list[bytes] | bytes | None:
+        """Return a page of the list of each learner, encoded, else a refusal, else None."""
         replies: queue.SimpleQueue[tuple[Reply, ...]] = queue.SimpleQueue()
         query = encode(SessionQuery(leave_out=leave_out))
         self._bus.ask_all(self._keys.learner("list"), query, replies.put, TIMEOUT_MS)
         heard = replies.get()
         lists = [reply.payload for reply in heard if reply.ok]
-        if not lists:
-            return next((reply.payload for reply in heard), None)
-        return _read(partial(union, lists, leave_out))
+        return lists or next((reply.payload for reply in heard), None)
 
-    def _until_answered(self, once: Callable[[], M | bytes | None]) -> M:
+    def _until_answered(self, once: Callable[[], A | bytes | None]) -> A:
         until = time.monotonic() + self._patience_s
         while True:
             answer = once()
@@ -139,7 +151,7 @@ class Operator:
                 return answer
             what = "no learner answers here" if answer is None else _reason_to_wait(answer)
             if time.monotonic() >= until:
-                raise OperatorError(
+                raise UnansweredError(
                     f"{what}: start one with `sfid up` or `sfid learner`, or check --connect and --deployment"
                 )
             self._pause(RETRY_S)

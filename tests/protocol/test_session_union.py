@@ -135,6 +135,13 @@ def test_a_list_says_whose_sessions_it_holds_and_whose_are_lacking() -> None:
     assert untold(SessionList(sessions=())) == ()
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_the_most_shards_that_a_learner_knows_of_are_those_that_must_be_told(order: int) -> None:
+    few, many = (encode(SessionList(sessions=(), shards=n, told=(n - 1,))) for n in (1, 3))
+    whole = union([few, many][::order])
+    assert (whole.shards, whole.told, untold(whole)) == (3, (0, 2), (1,))
+
+
 def test_two_learners_who_tell_of_one_session_make_one_line_of_it() -> None:
     both = [encode(SessionList(sessions=(summary("s1"), summary("s2")), shards=2, told=(n,))) for n in (0, 1)]
     assert sorted(names(union(both))) == ["s1", "s2"]

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from protocol.codec import decode, encode
 from protocol.keys import Keys
@@ -144,3 +145,79 @@ def test_a_learner_known_to_be_absent_is_not_waited_for_at_every_page() -> None:
     MemoryBus(hub).serve(KEYS.learner("list"), serve, shared=True)
     whole = Operator(MemoryBus(hub), KEYS).sessions()
     assert (asked, untold(whole), len(whole.sessions)) == ([0, 0, 2, 4, 6], (1,), 4)
+
+
+def in_turn(*rounds: tuple[SessionList | None, ...]) -> tuple[Operator, list[int]]:
+    """Return an operator without patience and what it leaves out; a tuple a question, a reply a learner."""
+    hub = MemoryHub(inline=True)
+    asked: list[int] = []
+
+    def learner(number: int) -> Callable[[Request], None]:
+        heard = iter(rounds)
+
+        def serve(request: Request) -> None:
+            if number == 0:
+                asked.append(decode(request.payload, SessionQuery).leave_out)
+            reply = next(heard, (None,) * len(rounds[0]))[number]
+            if reply is not None:
+                request.reply(encode(reply))
+
+        return serve
+
+    for number in range(len(rounds[0])):
+        MemoryBus(hub).serve(KEYS.learner("list"), learner(number), shared=True)
+    return Operator(MemoryBus(hub), KEYS, patience_s=0.0), asked
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_two_questions_that_one_learner_each_answers_tell_of_both(first: int) -> None:
+    pages = (listed("a", shards=2, told=(0,)), listed("b", shards=2, told=(1,)))
+    rounds: list[tuple[SessionList | None, ...]] = [(pages[0], None), (None, pages[1])]
+    asking, asked = in_turn(*(rounds if first == 0 else rounds[::-1]))
+    whole = asking.sessions()
+    assert sorted(one.session for one in whole.sessions) == ["a", "b"]
+    assert (asked, whole.told, untold(whole)) == ([0, 0], (0, 1), ())
+
+
+def test_a_second_question_that_nobody_answers_loses_nothing_of_the_first() -> None:
+    heard = listed("a", shards=2, told=(0,))
+    asking, asked = in_turn((heard, None), (None, None))
+    assert asking.sessions() == heard
+    assert asked == [0, 0]
+
+
+def test_a_second_question_is_not_repeated_where_the_learner_is_busy_by_then() -> None:
+    hub = MemoryHub(inline=True)
+    heard = listed("a", shards=2, told=(0,))
+    answers: list[SessionList | bytes] = [heard, BUSY]
+
+    def serve(request: Request) -> None:
+        answering(answers.pop(0))(request)
+
+    MemoryBus(hub).serve(KEYS.learner("list"), serve, shared=True)
+    paused: list[float] = []
+    assert Operator(MemoryBus(hub), KEYS, pause=paused.append).sessions() == heard
+    assert (answers, paused) == ([], [])
+
+
+def test_a_later_page_that_nobody_answers_leaves_the_lines_heard_and_calls_no_shard_told() -> None:
+    asking, asked = in_turn((listed("a2", shards=2, told=(0,), older=2), listed("b2", shards=2, told=(1,))))
+    whole = asking.sessions()
+    assert sorted(one.session for one in whole.sessions) == ["a2", "b2"]
+    assert (asked, whole.told, untold(whole), whole.older) == ([0, 2], (), (0, 1), None)
+
+
+def test_only_a_shard_that_tells_every_page_is_told() -> None:
+    newest = (listed("a2", shards=3, told=(0,), older=3), listed("b2", shards=3, told=(1,)), None)
+    after = (listed("a1", shards=3, told=(0,)), None, listed("c1", shards=3, told=(2,)))
+    asking, asked = in_turn(newest, newest, after, after)
+    whole = asking.sessions()
+    assert sorted(one.session for one in whole.sessions) == ["a1", "a2", "b2", "c1"]
+    assert (asked, whole.told, untold(whole)) == ([0, 0, 3, 3], (0,), (1, 2))
+
+
+def test_a_session_that_comes_again_on_a_later_page_is_one_line_as_it_was_first_told() -> None:
+    first = listed("s1", older=1)
+    moved = tuple(replace(one, phase="done") for one in first.sessions)
+    asking, _ = in_turn((first,), (SessionList(sessions=(*listed("s0").sessions, *moved)),))
+    assert asking.sessions().sessions == (*listed("s0").sessions, *first.sessions)

@@ -6,8 +6,8 @@ from protocol.codec import decode, encode
 from protocol.keys import Keys
 from protocol.messages import Refusal, SessionList, SessionQuery, SessionSummary
 from protocol.session_union import left_out, list_query, page, untold
-from services.aggregator.relay import Relay
-from services.operator import Operator
+from services.aggregator.relay import LIST_TIMEOUT_MS, Relay
+from services.operator import TIMEOUT_MS, Operator
 from services.runtime.bus import Reply, Request
 from services.runtime.memory_bus import MemoryBus, MemoryHub
 
@@ -136,3 +136,7 @@ def test_a_question_for_the_list_that_cannot_be_read_is_refused_and_an_empty_one
     assert told is not None
     assert (told.ok, decode(told.payload, Refusal).code) == (False, "malformed")
     assert asked(hub, payload=b"") == listing("a1")
+
+
+def test_a_list_is_handed_back_while_the_asker_still_waits_though_a_learner_hangs() -> None:
+    assert 0 < LIST_TIMEOUT_MS <= TIMEOUT_MS - 250
