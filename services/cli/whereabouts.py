@@ -5,10 +5,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+import msgspec
 import typer
 
+from protocol.keys import checked
+from services.cli.failure import CommandError
 from services.cli.next_command import DEPLOYMENT
 from services.cli.options import ENDPOINT
+from services.runtime.bus import BusError
 from services.runtime.endpoint import is_loopback, reached_at, split_endpoint
 
 NOTE = "deployment.json"
@@ -25,6 +29,11 @@ ToldDeployment = Annotated[
     str | None,
     typer.Option("--deployment", help="Name of the deployment, likewise."),
 ]
+
+
+class _Note(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    connect: str
+    deployment: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,17 +60,33 @@ def note_whereabouts(data: Path, listen: str, deployment: str) -> None:
 def whereabouts(data: Path, connect: str | None, deployment: str | None) -> Whereabouts:
     """Return where the router is: as given, else as noted in the data directory, else at the usual place.
 
-    Raises: BusError when the endpoint is malformed.
+    Raises: BusError or KeyNameError when what is given is malformed, CommandError when what is noted is.
     """
-    noted = _noted(data)
-    found = Whereabouts(connect or noted.connect, deployment or noted.deployment)
-    split_endpoint(found.connect)
-    return found
+    if connect is not None:
+        split_endpoint(connect)
+    if deployment is not None:
+        checked(deployment, "deployment")
+    if connect is not None and deployment is not None:
+        return Whereabouts(connect, deployment)
+    noted = _noted(data / NOTE)
+    return Whereabouts(connect or noted.connect, deployment or noted.deployment)
 
 
-def _noted(data: Path) -> Whereabouts:
+def _noted(path: Path) -> Whereabouts:
     try:
-        note = json.loads((data / NOTE).read_text("utf-8"))
-        return Whereabouts(str(note["connect"]), str(note["deployment"]))
-    except (OSError, ValueError, KeyError, TypeError):  # `sfid up` has not been here
+        note = msgspec.json.decode(path.read_bytes(), type=_Note)
+        split_endpoint(note.connect)
+        return Whereabouts(note.connect, checked(note.deployment, "deployment"))
+    except FileNotFoundError:  # `sfid up` has not been here
         return Whereabouts()
+    except OSError as error:
+        raise _damaged(path, error.strerror or str(error)) from None
+    except (msgspec.MsgspecError, ValueError, RecursionError, BusError) as error:
+        raise _damaged(path, str(error)) from None
+
+
+def _damaged(path: Path, reason: str) -> CommandError:
+    return CommandError(
+        f"{path} does not say where the router is ({reason[:200]}): remove it and start `sfid up` again, or "
+        "give --connect and --deployment"
+    )
