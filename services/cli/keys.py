@@ -2,9 +2,11 @@
 
 import os
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from shlex import quote
-from typing import Annotated, Any
+from typing import Annotated, Any, TextIO
 
 import typer
 
@@ -59,9 +61,10 @@ def new(  # noqa: PLR0917 - one argument a flag
     where = whereabouts(data, connect, deployment)
     words = f"teach keyboard --session {session} --name {name} --token-file {quote(str(path))}"
     teach = suggested(words, where.connect, where.deployment, access or (None if where.is_here else _FOLDER))
-    token = issued(data, identity)
-    key = check_key(session, name, tuple(load_secrets(data / FOLDER)))
-    _write(path, f"{token}\n{KEY_MARK} {key.hex()}\n")
+    with _private(path) as file:  # before anything is handed out: a token that is nowhere could be nobody's
+        token = issued(data, identity)
+        key = check_key(session, name, tuple(load_secrets(data / FOLDER)))
+        file.write(f"{token}\n{KEY_MARK} {key.hex()}\n")
     if as_json:
         print_json({
             "id": identity.token_id, "name": name, "session": session, "expires_s": identity.expires_s,
@@ -170,10 +173,16 @@ def _moment(seconds: int) -> str:
     return time.strftime("%Y-%m-%d %H:%M", time.localtime(seconds))
 
 
-def _write(path: Path, text: str) -> None:
+@contextmanager
+def _private(path: Path) -> Iterator[TextIO]:
+    """Open a new file that its owner alone can read; it is gone again where what fills it fails."""
     try:
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except OSError as error:
         raise CommandError(f"{path}: {error.strerror or error}: name another file with --out") from None
-    with os.fdopen(handle, "w", encoding="ascii") as file:
-        file.write(text)
+    try:
+        with os.fdopen(handle, "w", encoding="ascii") as file:
+            yield file
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise

@@ -76,6 +76,44 @@ def test_a_router_that_cannot_be_is_refused_before_a_token_is_made(tmp_path: Pat
     assert (done, list(tmp_path.iterdir())) == (Done(2, "", said), [])
 
 
+@pytest.mark.parametrize("verb", [("keys", "new", "ann"), ("invite", "--url", "https://teach.example")])
+def test_a_deployment_that_cannot_be_or_a_damaged_note_is_refused_before_anything_is_handed_out(
+    tmp_path: Path, verb: tuple[str, ...]
+) -> None:
+    asked = (*verb, "--session", "s1", "--data", ".")
+    done = sfid(*asked, "--deployment", "NO good", cwd=tmp_path)
+    assert (done.code, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert done.stderr.startswith("sfid: deployment name 'NO good' is not allowed: ")
+    (tmp_path / "deployment.json").mkdir()
+    done = sfid(*asked, cwd=tmp_path)
+    assert (done.code, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert done.stderr.startswith("sfid: deployment.json does not say where the router is (Is a directory): ")
+    assert [path.name for path in tmp_path.iterdir()] == ["deployment.json"]
+
+
+def test_a_token_that_cannot_be_written_down_is_not_handed_out(tmp_path: Path) -> None:
+    data, file = tmp_path / "data", tmp_path / "ann.token"
+    made = keys(data, "new", "ann", "--session", "s1", "--out", str(file))
+    written = file.read_bytes()
+    for out in (file, tmp_path / "none" / "ann.token", tmp_path):
+        done = sfid("keys", "new", "ann", "--session", "s1", "--out", str(out), "--data", str(data))
+        assert (done.code, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+        assert done.stderr.startswith(f"sfid: {out}: ")
+        assert done.stderr.endswith(": name another file with --out\n")
+    assert [row["id"] for row in keys(data, "list")["keys"]] == [made["id"]]
+    assert file.read_bytes() == written
+
+
+def test_where_no_token_can_be_handed_out_no_file_is_left(tmp_path: Path) -> None:
+    data, file = tmp_path / "data", tmp_path / "ann.token"
+    data.mkdir()
+    (data / "gateway").touch()  # where a directory must be
+    done = sfid("keys", "new", "ann", "--session", "s1", "--out", str(file), "--data", str(data))
+    assert (done.code, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert done.stderr.startswith("sfid: ")
+    assert not file.exists()
+
+
 def test_what_is_withdrawn_by_id_or_by_name_is_refused_at_the_next_answer(tmp_path: Path) -> None:
     data = tmp_path / "data"
     made = {
