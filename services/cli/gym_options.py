@@ -37,15 +37,21 @@ def gym_world(
     Raises: CommandError, one line with the mend.
     """
     if gym is None:
-        if options or actions:
+        if options or actions is not None:
             raise CommandError("--gym-option and --gym-actions speak of an environment: name it with --gym")
         return None
+    if not gym.strip():
+        raise CommandError("--gym names no environment: give a registered one, such as FrozenLake-v1")
+    named = () if actions is None else tuple(name.strip().upper() for name in actions.split(","))
+    if not all(named):
+        raise CommandError(
+            f"--gym-actions {actions!r} leaves a name empty: name each, such as LEFT,DOWN,RIGHT,UP"
+        )
     if render not in {"text", "picture"}:
         raise CommandError(f"--gym-render {render!r}: choose text or picture")
     from services.gym.errors import GymError
     from services.gym.world import described
 
-    named = () if actions is None else tuple(name.strip().upper() for name in actions.split(","))
     try:
         return described(
             gym,
@@ -66,6 +72,8 @@ def gym_options(written: list[str] | None) -> dict[str, bool | int | float | str
         name, equals, value = text.partition("=")
         if not equals:
             raise CommandError(f"option {text!r} has no value: write NAME=VALUE, such as is_slippery=false")
+        if not name.strip():
+            raise CommandError(f"option {text!r} has no name: write NAME=VALUE, such as is_slippery=false")
         given[name.strip()] = _value(value.strip())
     return given
 

@@ -48,9 +48,25 @@ def make(environment: str, options: dict[str, Any], render: str) -> Any:  # noqa
         warnings.simplefilter("ignore")
         register_installed()
         mode = _render_mode(gymnasium.spec(environment), render)
-        return gymnasium.make(
-            environment, max_episode_steps=-1, disable_env_checker=True, render_mode=mode, **options
-        )
+        with _naming(options):
+            return gymnasium.make(
+                environment, max_episode_steps=-1, disable_env_checker=True, render_mode=mode, **options
+            )
+
+
+@contextmanager
+def _naming(options: dict[str, Any]) -> Iterator[None]:
+    """Say with which options an environment cannot be made: alone, what a KeyError names is a riddle."""
+    try:
+        yield
+    except (KeyError, ValueError) as error:
+        if not options or isinstance(error, GymError):
+            raise
+        given = ", ".join(f"{name}={value}" for name, value in sorted(options.items()))
+        what = f"{type(error).__name__} {error}"
+        raise GymError(
+            f"it cannot be made with {given} ({what}): give what it knows, or leave it out"
+        ) from None
 
 
 @contextmanager
