@@ -4,7 +4,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from services.monitor import curves, doubt_pictures, overview, policy, scene
-from services.monitor.status import NOW
+from services.monitor.status import EPISODES, NOW
 
 BACKGROUND = (11, 13, 18)
 LANES_SHOWN = 100
@@ -115,7 +115,6 @@ def _lanes() -> rrb.StateTimelineView:
     return rrb.StateTimelineView(origin="/teachers", name=name, time_view=axis)
 
 
-def _table() -> rrb.DataframeView:
-    entities = [f"/{entity}" for entity in (curves.STEPS, curves.TD_ERROR, curves.RETURN, curves.INPUTS)]
-    query = rrb.archetypes.DataframeQuery(timeline="episode", apply_latest_at=False)
-    return rrb.DataframeView(origin="/curves", contents=entities, name="Episodes", query=query)
+def _table() -> rrb.Vertical:
+    table = rrb.TextDocumentView(origin=f"/{EPISODES}", name="The latest episodes, newest first")
+    return rrb.Vertical(table, name="Episodes")

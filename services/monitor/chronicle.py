@@ -4,6 +4,7 @@ No clock is read and no batch is counted: the same messages give the same rows, 
 A decision carries no time of its own and stands at that of the last step before it.
 """
 
+from collections import deque
 from collections.abc import Callable
 
 from protocol.messages import Crowd, Decision, Episode, Step
@@ -23,7 +24,15 @@ from services.monitor.scene import (
     frames_of_step,
     read_view,
 )
-from services.monitor.status import NOW, event_of_episode, events_between, step_markdown
+from services.monitor.status import (
+    EPISODES,
+    EPISODES_SHOWN,
+    NOW,
+    episodes_markdown,
+    event_of_episode,
+    events_between,
+    step_markdown,
+)
 
 EPISODE_NUMBER_MAX = 1_000_000
 """The largest session there can be (CreateSession.episodes)."""
@@ -53,7 +62,8 @@ class Chronicle:
         self._events = EventLog()
         self._picture, self._spoken = Pace(sampling.PICTURE_MS), Pace(sampling.SPOKEN_PICTURE_MS)
         self._policy, self._doubt = Pace(sampling.POLICY_MS), Pace(sampling.DOUBTS_MS)
-        self._line = Pace(sampling.EPISODE_LINE_MS)
+        self._line, self._table = Pace(sampling.EPISODE_LINE_MS), Pace(sampling.TABLE_MS)
+        self._latest: deque[Episode] = deque(maxlen=EPISODES_SHOWN)
         self._doubts_changed = False
 
     def tell(self, message: Decision | Step | Episode | Crowd) -> None:
@@ -86,6 +96,9 @@ class Chronicle:
             moment = Moment(episode.decision, wall_ns, episode.episode)
             if self._line.due(episode.at_ns):
                 self.note(event_of_episode(episode), moment)
+            self._latest.appendleft(episode)
+            if self._table.due(episode.at_ns) or self._is_last(episode.episode):
+                self._rows.curves.append(Document(EPISODES, moment, episodes_markdown(self._latest)))
 
     def give_up_missing(self) -> None:
         """Show the episodes that wait for others, without those."""
@@ -151,14 +164,14 @@ class Chronicle:
             self._rows.curves.append(Document(NOW, moment, step_markdown(step, self.decision)))
         if board and self._policy.due(step.at_ns):
             self._rows.scene.append(draw_policy(read_view(step.view), self.mirror, moment))
-        if self._doubts_changed and (self._doubt.due(step.at_ns) or (ended and self._is_over(step))):
+        if self._doubts_changed and (self._doubt.due(step.at_ns) or (ended and self._is_last(step.episode))):
             self._doubts_changed = False
             pictures, texts = doubt_pictures.drawn(self._doubts, step.view, moment)
             self._rows.scene.extend(pictures)
             self._rows.curves.extend(texts)
 
-    def _is_over(self, step: Step) -> bool:
-        return self.decision is not None and step.episode + 1 >= self.decision.episodes
+    def _is_last(self, episode: int) -> bool:
+        return self.decision is not None and episode + 1 >= self.decision.episodes
 
     def _tell_crowd(self, crowd: Crowd) -> None:
         if (crowd.epoch, crowd.decision) <= self._crowds.get(crowd.aggregator, (-1, -1)):

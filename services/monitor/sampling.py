@@ -16,7 +16,9 @@ LABELS_MS = 20
 RELIABILITY_MS = 1_000
 DOUBTS_MS = 5_000
 EPISODE_LINE_MS = 200
-"""Lines of the event log about episodes; the curves and the table hold every episode."""
+"""Lines of the event log about episodes; the curves hold every episode."""
+TABLE_MS = 2_000
+"""The table of the latest episodes."""
 LIVE_POINT_MS = 50
 """Points of a curve that are sent to viewers; recordings hold every episode."""
 

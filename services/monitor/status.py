@@ -1,5 +1,7 @@
 """The sentences of the monitor: how things stand now, and what has happened."""
 
+from collections.abc import Iterable
+
 from protocol.messages import Decision, Episode, SaidBy, SessionReport, Step
 
 PHASES = {
@@ -16,6 +18,9 @@ NAMES_SHOWN_MAX = 6
 BAR = 10
 """Squares of the count-down."""
 NOW = "now"
+EPISODES = "episodes"
+EPISODES_SHOWN = 40
+ENDS = {"solved": "solved", "deadlock": "ended in a deadlock", "cap": "gave up", "running": "stopped"}
 
 
 def open_markdown(
@@ -53,13 +58,27 @@ def step_markdown(step: Step, decision: Decision | None) -> str:
 
 def event_of_episode(episode: Episode) -> str:
     """Return one line about a finished episode."""
-    ends = {"solved": "solved", "deadlock": "ended in a deadlock", "cap": "gave up", "running": "stopped"}
     fewest = "" if episode.optimal_steps is None else f" (fewest possible {episode.optimal_steps})"
     return (
-        f"episode {episode.episode + 1}: {ends[episode.outcome]} "
+        f"episode {episode.episode + 1}: {ENDS[episode.outcome]} "
         f"after {_counted(episode.steps, 'step')}{fewest}, "
         f"return {episode.discounted_return:+.2f}, {_counted(episode.inputs, 'teacher input')}"
     )
+
+
+def episodes_markdown(latest_first: Iterable[Episode]) -> str:
+    """Return finished episodes as a table."""
+    head = (
+        "| episode | steps | fewest possible | return | mean abs. TD error | teacher inputs | how it ended |"
+    )
+    rows = [
+        f"| {episode.episode + 1} | {episode.steps} | {'' if fewest is None else fewest} "
+        f"| {episode.discounted_return:+.2f} | {episode.abs_td_error:.3f} | {episode.inputs} "
+        f"| {ENDS[episode.outcome]} |"
+        for episode in latest_first
+        for fewest in (episode.optimal_steps,)
+    ]
+    return "\n".join([head, "|--:|--:|--:|--:|--:|--:|:--|", *rows])
 
 
 def events_between(before: Decision | None, after: Decision) -> list[str]:

@@ -163,7 +163,8 @@ def hours(count: float) -> dict[str, object]:
         tenth = max(1, len(resident) // 10)
         return {
             "hours": count, "decisions": decisions, "episodes": episodes, "sent_in_s": sent_s,
-            "dropped_messages": dropped, "monitor_cpu_s": monitor.cpu_s(), "memory_mb_most": most_mb, "memory_mb_now": now_mb,
+            "dropped_messages": dropped, "monitor_cpu_s": monitor.cpu_s(),
+            "memory_mb_most": most_mb, "memory_mb_now": now_mb,
             "memory_mb_after_a_tenth": resident[tenth - 1], "memory_mb_limit": float(MEMORY_MB_MAX),
             "late_viewer_shown_after_s": appeared_s, "late_viewer_target_s": 3.0,
         }  # fmt: skip

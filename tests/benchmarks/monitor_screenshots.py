@@ -50,7 +50,7 @@ ENDED_S = 100_000.0
 WAITED_S = {"solo": 240.0, "pilot-8": 4.0}
 """How long ago the learner of a session said something."""
 PNG_BYTES_MAX = 300_000
-TABS = ("monitor", "teachers", "overview")
+TABS = ("monitor", "teachers", "overview", "episodes")
 """Names of the pictures, by tab."""
 
 Message = Decision | Step | Episode

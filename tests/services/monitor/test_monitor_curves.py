@@ -6,10 +6,12 @@ import numpy as np
 from protocol.messages import Episode, SaidBy, Step
 from services import tiles
 from services.monitor import curves
+from services.monitor.chronicle import Chronicle
 from services.monitor.policy import ValueMirror, draw_policy
-from services.monitor.rows import Lane, Moment
+from services.monitor.rows import Document, Lane, Moment
 from services.monitor.sampling import MS, Pace
 from services.monitor.scene import read_view
+from services.monitor.status import EPISODES, EPISODES_SHOWN, episodes_markdown
 from tests.services.monitor.feeder import ROOM, SOLUTION_ROOM, WALL_NS, Lesson
 from tests.services.monitor.test_monitor_pictures import cell_of, decoded
 
@@ -148,3 +150,23 @@ def test_the_policy_shows_the_best_action_and_the_value_where_it_is_known() -> N
     indexes, _ = decoded(picture.png)
     assert cell_of(indexes, 1, 1)[8, 8] == tiles.VALUES
     assert cell_of(indexes, 1, 2)[8, 8] == tiles.VALUES + tiles.VALUE_COLOURS - 1
+
+
+def test_the_table_of_episodes_tells_the_latest_first_and_ends_with_the_last() -> None:
+    chronicle, lesson = Chronicle(), list(Lesson(room=SOLUTION_ROOM, episodes=50).messages())
+    for message in lesson:
+        chronicle.tell(message)
+    tables = [row for row in chronicle.take().curves if isinstance(row, Document) and row.entity == EPISODES]
+    ended = [message for message in lesson if isinstance(message, Episode)]
+    assert 1 < len(tables) < len(ended)
+    lines = tables[-1].markdown.splitlines()[2:]
+    assert [int(line.split("|")[1]) for line in lines] == list(range(50, 50 - EPISODES_SHOWN, -1))
+    last = ended[-1]
+    expected = [
+        "50", str(last.steps), str(last.optimal_steps), f"{last.discounted_return:+.2f}",
+        f"{last.abs_td_error:.3f}", str(last.inputs), "solved",
+    ]  # fmt: skip
+    assert [cell.strip() for cell in lines[0].strip("|").split("|")] == expected
+    unknown = episodes_markdown([msgspec.structs.replace(last, optimal_steps=None, outcome="cap")])
+    assert unknown.splitlines()[2].split("|")[3].strip() == ""
+    assert "gave up" in unknown

@@ -163,7 +163,7 @@ def test_the_recording_holds_every_picture_that_was_drawn_and_ends_on_the_last(t
     assert (at["step"], at["episode"], bytes(png)) == (last.decision + 1, last.episode, expected.png)
     named = {f"{kind}/{name}" for kind in ("teachers", "reliability") for name in ("ada", "ben", "cyd")}
     curves = {f"curves/{name}" for name in ("steps", "td_error", "return", "inputs", "agreement")}
-    assert entities_of(path) == {*PICTURES, "now", "events", "doubts"} | named | curves
+    assert entities_of(path) == {*PICTURES, "now", "events", "episodes", "doubts"} | named | curves
 
 
 def test_the_event_log_tells_how_each_episode_ended(tmp_path: Path) -> None:
