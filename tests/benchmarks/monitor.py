@@ -1,10 +1,11 @@
 """What watching costs: ten hours of teaching, compressed; and teaching beside viewers, or without any.
 
-    .venv/bin/python tests/benchmarks/monitor.py [--json] [--hours 10] [--runs 5] [--labels 5000]
+    .venv/bin/python tests/benchmarks/monitor.py [--json] [--hours 10 --speed 100] [--runs 5 --labels 5000]
 
-1. Hours: a monitor of its own process is sent a session of 5 decisions a second, as fast as it keeps up
-   (the messages carry the session's own time, which the rules of thinning go by). Told: the most memory that
-   it held, what it dropped, and how long a viewer who comes then waits for its first picture and the curves.
+1. Hours: a monitor of its own process is sent a session of 5 decisions a second, and time passes for both
+   `--speed` times as fast (the messages carry the session's own time, which the rules of thinning go by).
+   Told: the most memory that it held, what it dropped, and how long a viewer who comes then waits for its
+   first picture and the curves.
 2. Beside: a teacher labels as fast as it is acknowledged, at a learner and monitor in processes of their own;
    absent (no viewer), stopped (one, frozen by SIGSTOP) and ten (`--save` clients), interleaved run by run.
    Viewers have come before the first label: each has its program loaded and the past fetched.
@@ -46,6 +47,9 @@ from tests.services.monitor.feeder import Lesson
 from tests.services.monitor.rrd_rows import rows_of
 
 DECISIONS_A_SECOND = 5
+MESSAGES_A_DECISION = 3
+"""Opened, closed, learnt; ends of episodes come on top."""
+HURRIED = str(Path(__file__).with_name("hurried_monitor.py"))
 BATCH = 500
 """Decisions sent between two looks at the monitor."""
 MEMORY_MB_MAX = 700
@@ -60,13 +64,17 @@ MEMORY = Path("/dev/shm")  # noqa: S108 - a directory of its own is made in it
 class Monitor:
     """A monitor in a process of its own."""
 
-    def __init__(self, endpoint: str, deployment: str, folder: Path) -> None:
+    def __init__(self, endpoint: str, deployment: str, folder: Path, speed: float | None = None) -> None:
         self.ports = [free_port(set()) for _ in range(2)]
+        scene_port, curves_port = map(str, self.ports)
         command = [
             sys.executable, "-m", "services.cli.main", "monitor", "--recordings", str(folder), "--connect",
-            endpoint, "--deployment", deployment, "--scene-port", str(self.ports[0]), "--curves-port",
-            str(self.ports[1]), "--web-port", "0",
+            endpoint, "--deployment", deployment, "--scene-port", scene_port, "--curves-port", curves_port,
+            "--web-port", "0",
         ]  # fmt: skip
+        if speed is not None:
+            what = [endpoint, deployment, str(folder), scene_port, curves_port, str(speed)]
+            command = [sys.executable, HURRIED, *what]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         for stream in (self.process.stdout, self.process.stderr):
@@ -134,9 +142,10 @@ def long_lesson(decisions: int) -> Iterator[Decision | Step | Episode]:
             return
 
 
-def hours(count: float) -> dict[str, object]:
+def hours(count: float, speed: float) -> dict[str, object]:
     """Send the hours, then let a viewer come."""
     decisions = int(count * 3600 * DECISIONS_A_SECOND)
+    messages_a_second = DECISIONS_A_SECOND * MESSAGES_A_DECISION * speed
     with tempfile.TemporaryDirectory(prefix="sfid-bench-") as name, ExitStack() as stack:
         endpoint = free_endpoint()
         router = subprocess.Popen(
@@ -147,10 +156,11 @@ def hours(count: float) -> dict[str, object]:
         stack.callback(router.terminate)
         bus = open_bus(endpoint, 20_000)
         stack.callback(bus.close)
-        monitor = Monitor(endpoint, "bench", Path(name))
+        monitor = Monitor(endpoint, "bench", Path(name), speed)
         stack.callback(monitor.close)
         begun, episodes, dropped, resident = time.monotonic(), 0, 0, []
         for number, message in enumerate(long_lesson(decisions)):
+            PAUSE.wait(max(0.0, begun + number / messages_a_second - time.monotonic()))
             publish(bus, message)
             episodes += isinstance(message, Episode)
             if number % BATCH == BATCH - 1:
@@ -162,7 +172,7 @@ def hours(count: float) -> dict[str, object]:
         now_mb, most_mb = monitor.memory_mb()
         tenth = max(1, len(resident) // 10)
         return {
-            "hours": count, "decisions": decisions, "episodes": episodes, "sent_in_s": sent_s,
+            "hours": count, "speed": speed, "decisions": decisions, "episodes": episodes, "sent_in_s": sent_s,
             "dropped_messages": dropped, "monitor_cpu_s": monitor.cpu_s(),
             "memory_mb_most": most_mb, "memory_mb_now": now_mb,
             "memory_mb_after_a_tenth": resident[tenth - 1], "memory_mb_limit": float(MEMORY_MB_MAX),
@@ -297,13 +307,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--hours", type=float, default=10.0)
+    parser.add_argument("--speed", type=float, default=100.0)
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--labels", type=int, default=5_000)
     parser.add_argument("--skip", choices=("hours", "beside"))
     asked = parser.parse_args()
     result: dict[str, object] = {}
     if asked.skip != "hours":
-        result |= hours(asked.hours)
+        result |= hours(asked.hours, asked.speed)
     if asked.skip != "beside":
         result |= beside(asked.runs, asked.labels)
     print_result(result, as_json=asked.json)
