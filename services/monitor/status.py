@@ -42,9 +42,8 @@ def open_markdown(
 
 def step_markdown(step: Step, decision: Decision | None) -> str:
     """Return what a learnt step was: what was said, done and learnt."""
-    heading = f"### Episode {step.episode + 1} · step {step.step}"
-    if decision is not None:
-        heading = f"### Episode {step.episode + 1} of {decision.episodes} · step {step.step}"
+    of = "" if decision is None else f" of {decision.episodes}"
+    heading = f"### {step.session}: episode {step.episode + 1}{of}, step {step.step}"
     lines = [heading, f"agent went **{_sign(step.action)}**"]
     if step.said:
         said = " · ".join(_saying(each) for each in step.said[:NAMES_SHOWN_MAX])
@@ -110,14 +109,15 @@ def _standing(report: SessionReport | None) -> list[str]:
         return ["### Waiting for the session"]
     summary = report.summary
     return [
-        f"### {summary.episode} of {summary.episodes} episodes",
+        f"### {summary.session}: {summary.episode} of {summary.episodes} episodes",
         f"**{PHASES.get(summary.phase, summary.phase)}** · method **{summary.method}**",
         f"level {summary.level_name} · {_counted(report.labels.applied, 'answer')} applied",
     ]
 
 
 def _heading(decision: Decision, step: int) -> str:
-    return f"### Episode {min(decision.episode + 1, decision.episodes)} of {decision.episodes} · step {step}"
+    episode = min(decision.episode + 1, decision.episodes)
+    return f"### {decision.session}: episode {episode} of {decision.episodes}, step {step}"
 
 
 def _phase(decision: Decision) -> str:

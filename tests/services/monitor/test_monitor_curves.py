@@ -3,7 +3,7 @@
 import msgspec
 import numpy as np
 
-from protocol.messages import Episode, SaidBy, Step
+from protocol.messages import Decision, Episode, SaidBy, Step
 from services import tiles
 from services.monitor import curves
 from services.monitor.chronicle import Chronicle
@@ -11,7 +11,13 @@ from services.monitor.policy import ValueMirror, draw_policy
 from services.monitor.rows import Document, Lane, Moment
 from services.monitor.sampling import MS, Pace
 from services.monitor.scene import read_view
-from services.monitor.status import EPISODES, EPISODES_SHOWN, episodes_markdown
+from services.monitor.status import (
+    EPISODES,
+    EPISODES_SHOWN,
+    episodes_markdown,
+    open_markdown,
+    step_markdown,
+)
 from tests.services.monitor.feeder import ROOM, SOLUTION_ROOM, WALL_NS, Lesson
 from tests.services.monitor.test_monitor_pictures import cell_of, decoded
 
@@ -170,3 +176,12 @@ def test_the_table_of_episodes_tells_the_latest_first_and_ends_with_the_last() -
     unknown = episodes_markdown([msgspec.structs.replace(last, optimal_steps=None, outcome="cap")])
     assert unknown.splitlines()[2].split("|")[3].strip() == ""
     assert "gave up" in unknown
+
+
+def test_how_things_stand_begins_with_the_name_of_the_session_and_where_it_is() -> None:
+    messages = list(Lesson(session="monday", episodes=3).messages())
+    opened = next(message for message in messages if isinstance(message, Decision))
+    learnt = next(message for message in messages if isinstance(message, Step))
+    assert open_markdown(opened, None, 1.0, 0.0).startswith("### monday: episode 1 of 3, step 0\n")
+    assert step_markdown(learnt, opened).startswith("### monday: episode 1 of 3, step 0\n")
+    assert step_markdown(learnt, None).startswith("### monday: episode 1, step 0\n")
