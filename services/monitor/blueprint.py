@@ -32,17 +32,17 @@ def _live() -> rrb.Vertical:
         _picture(policy.ENTITY, "What the agent would do · arrow: best move · bright: high value"),
     )
     plots = rrb.Grid(
-        _plot(curves.STEPS, "Steps per episode"),
-        _plot(curves.RETURN, "Discounted return per episode", rrb.Corner2D.RightBottom),
-        _plot(curves.TD_ERROR, "Mean absolute TD error per episode"),
-        _plot(curves.INPUTS, "Teacher inputs per episode"),
+        _plot(curves.STEPS, "Steps of each episode · across: timeline set below"),
+        _plot(curves.RETURN, "Discounted return of each episode", rrb.Corner2D.RightBottom),
+        _plot(curves.TD_ERROR, "Mean absolute TD error of each episode"),
+        _plot(curves.INPUTS, "Teacher inputs of each episode"),
         _plot(
             curves.AGREEMENT,
             "Share of labels that agree with the agent",
             rrb.Corner2D.RightBottom,
             (0.0, 1.05),
         ),
-        _plot("reliability", "How reliable each teacher is (± 1 σ)", rrb.Corner2D.RightBottom, (0.0, 1.05)),
+        _reliability(),
         grid_columns=2,
     )
     texts = rrb.Horizontal(
@@ -56,19 +56,19 @@ def _live() -> rrb.Vertical:
 def _teachers() -> rrb.Horizontal:
     left = rrb.Vertical(
         _picture(doubt_pictures.CONFLICTS, "Where teachers disagree · dark: never · bright: most often"),
-        _plot("reliability", "How reliable each teacher is (± 1 σ)", rrb.Corner2D.RightBottom, (0.0, 1.05)),
+        _reliability(),
     )
     right = rrb.Vertical(
         _picture(
             doubt_pictures.STATES,
-            "States likely to carry an instruction bug · arrows: moves named there, and how often",
+            "States likely to carry an instruction bug · below each: how often which move was named",
         ),
         rrb.Horizontal(
-            rrb.TextDocumentView(origin=f"/{doubt_pictures.LIST}", name="Why these states"),
+            rrb.TextDocumentView(origin=f"/{doubt_pictures.LIST}", name="Why to look at these states again"),
             _lanes(),
             column_shares=[3, 2],
         ),
-        row_shares=[2, 1],
+        row_shares=[9, 5],
     )
     return rrb.Horizontal(left, right, column_shares=[4, 7], name="Teachers")
 
@@ -105,13 +105,18 @@ def _plot(
     return rrb.TimeSeriesView(origin=f"/{entity}", name=name, axis_x=whole, axis_y=axis, plot_legend=legend)
 
 
+def _reliability() -> rrb.TimeSeriesView:
+    name = "Teachers' reliability ± 1 σ, judged by each other"
+    return _plot("reliability", name, rrb.Corner2D.RightBottom, (0.0, 1.05))
+
+
 def _lanes() -> rrb.StateTimelineView:
     shown = rr.TimeRange(
         start=rr.TimeRangeBoundary.cursor_relative(seq=-LANES_SHOWN),
         end=rr.TimeRangeBoundary.cursor_relative(seq=2),
     )
     axis = rrb.archetypes.TimeAxis(link="Independent", view_range=shown)
-    name = "What each teacher said · blue ← amber → pink ↑ green ↓"
+    name = "Labels · blue ← amber → pink ↑ green ↓"
     return rrb.StateTimelineView(origin="/teachers", name=name, time_view=axis)
 
 

@@ -1,6 +1,8 @@
 """What the monitor needs to know; free of rerun, so that a command line can read it at once."""
 
+import shutil
 import socket
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -83,7 +85,16 @@ class Addresses:
     @property
     def native_command(self) -> str:
         """The command that opens the native viewer on this machine."""
-        return f"rerun --connect {self.curves_url} {self.scene_url}"
+        return f"{_viewer()} --connect {self.curves_url} {self.scene_url}"
+
+
+def _viewer() -> str:
+    """The viewer as this shell finds it: by its name, or beside this Python where that is not activated."""
+    beside = Path(sys.executable).with_name("rerun")
+    if shutil.which("rerun") is not None or not beside.is_file():
+        return "rerun"
+    here = Path.cwd()
+    return str(beside.relative_to(here) if beside.is_relative_to(here) else beside)
 
 
 def chosen_ports(config: MonitorConfig) -> Addresses:

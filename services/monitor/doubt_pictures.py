@@ -3,6 +3,7 @@
 import numpy as np
 
 from services import tiles
+from services.monitor import font
 from services.monitor.doubts import Doubtful, Doubts
 from services.monitor.png import encode_palette_png
 from services.monitor.rows import Arrow, Document, Moment, Picture
@@ -15,8 +16,12 @@ CONFLICTS = "conflicts"
 STATES = "doubtful"
 LIST = "doubts"
 COLUMNS = 3
-GUTTER = tiles.TILE
+GAP = tiles.TILE
+CAPTION = 2 * font.HEIGHT + 6
+"""Pixels below a board that say its number, and how often which move was named."""
 ARROW_COLOUR = (255, 200, 60)
+_PALETTE = np.concatenate([tiles.palette(), np.array([ARROW_COLOUR], np.uint8)])
+_WRITTEN = len(_PALETTE) - 1
 
 
 def draw_conflicts(board: Board, doubts: Doubts, moment: Moment) -> Picture:
@@ -33,42 +38,50 @@ def draw_conflicts(board: Board, doubts: Doubts, moment: Moment) -> Picture:
 
 
 def draw_doubtful(states: list[Doubtful], moment: Moment) -> Picture | None:
-    """Return the states side by side, worst first, each with what was said there; None without any."""
-    boards = [(read_view(state.view), state) for state in states]
+    """Return the states side by side, worst first, numbered, with the moves named there; None without any."""
+    boards = [(read_view(state.view), _moves(state)) for state in states]
     if not boards:
         return None
-    high = max(board.level.height for board, _ in boards) * tiles.TILE
-    wide = max(board.level.width for board, _ in boards) * tiles.TILE
+    captions = [_caption(number, moves) for number, (_, moves) in enumerate(boards, start=1)]
+    high = max(board.level.height for board, _ in boards) * tiles.TILE + CAPTION
+    wide = max(board.level.width * tiles.TILE for board, _ in boards)
+    wide = max(wide, *(2 * font.width_of(caption) for caption in captions))
     columns, rows = min(COLUMNS, len(boards)), -(-len(boards) // COLUMNS)
-    canvas = np.zeros((rows * (high + GUTTER), columns * (wide + GUTTER)), np.uint8)
+    canvas = np.zeros((rows * (high + GAP), columns * (wide + GAP)), np.uint8)
     arrows: list[Arrow] = []
-    for number, (board, state) in enumerate(boards):
-        top, left = (number // columns) * (high + GUTTER), (number % columns) * (wide + GUTTER)
+    for number, ((board, moves), caption) in enumerate(zip(boards, captions, strict=True)):
+        top, left = (number // columns) * (high + GAP), (number % columns) * (wide + GAP)
         indexes = tiles.background(board.level)
         tiles.draw_boxes(indexes, board)
         tiles.put(indexes, board.level, board.player, tiles.KEEPER["DOWN"])
-        canvas[top : top + indexes.shape[0], left : left + indexes.shape[1]] = indexes
-        arrows += _arrows(board, state, (left, top))
-    return Picture(STATES, moment, encode_palette_png(canvas, tiles.palette()), tuple(arrows))
+        below, right = top + indexes.shape[0], left + indexes.shape[1]
+        canvas[top:below, left:right] = indexes
+        font.write(canvas, caption, (below + 4, left), _WRITTEN)
+        arrows += _arrows(board, moves, (left, top))
+    return Picture(STATES, moment, encode_palette_png(canvas, _PALETTE), tuple(arrows))
 
 
-def _arrows(board: Board, state: Doubtful, origin: tuple[int, int]) -> list[Arrow]:
-    """An arrow for each action that was named, with how often: the wider, the more often."""
+def _moves(state: Doubtful) -> dict[Action, int]:
+    """How often each action was named."""
+    named = {Action[name]: teachers.total() for name, teachers in state.named.items() if name in SIGNS}
+    return dict(sorted(named.items()))
+
+
+def _caption(number: int, moves: dict[Action, int]) -> str:
+    return f"{number}: " + " ".join(f"{SIGNS[action.name]}{count}" for action, count in moves.items())
+
+
+def _arrows(board: Board, moves: dict[Action, int], origin: tuple[int, int]) -> list[Arrow]:
+    """An arrow for each action that was named: the wider, the more often."""
     row, column = divmod(board.player, board.level.width)
     x, y = origin[0] + (column + 0.5) * tiles.TILE, origin[1] + (row + 0.5) * tiles.TILE
     arrows = []
-    most = max(teachers.total() for teachers in state.named.values())
-    for action, teachers in sorted(state.named.items()):
-        if action not in Action.__members__:
-            continue
-        down, right = Action[action].delta
+    for action, count in moves.items():
+        down, right = action.delta
         start = (x + right * tiles.TILE / 2, y + down * tiles.TILE / 2)
         vector = (right * 0.75 * tiles.TILE, down * 0.75 * tiles.TILE)
-        share = teachers.total() / most
-        arrow = Arrow(
-            start, vector, ARROW_COLOUR, str(teachers.total()), 1.6 + 2.4 * share, 0.4 + 0.6 * share
-        )
-        arrows.append(arrow)
+        share = count / max(moves.values())
+        arrows.append(Arrow(start, vector, ARROW_COLOUR, width=1.6 + 2.4 * share, opacity=0.4 + 0.6 * share))
     return arrows
 
 
@@ -77,7 +90,7 @@ def tell_doubtful(states: list[Doubtful], moment: Moment) -> Document:
     if not states:
         return Document(LIST, moment, "### No doubtful state so far\n\nWhat teachers said fits together.")
     lines = [f"{number}. {state.reasons()} · {_named(state)}" for number, state in enumerate(states, start=1)]
-    return Document(LIST, moment, "### Look at these states again\n\n" + "\n".join(lines))
+    return Document(LIST, moment, "\n".join(lines))
 
 
 def _named(state: Doubtful) -> str:

@@ -26,6 +26,8 @@ NAMES_MAX = 3
 UNANSWERED_S = 60.0
 SILENT_S = 20.0
 LOST_EPISODES = 5
+HINT = "to watch another: the first of the squares top right lists them"
+"""The viewer's list of recordings is closed at first: with one session it shows nothing."""
 
 PANEL, LINE, TEXT, MUTED, GOOD, BAD, WAIT, STEPS, AGREE = range(9)
 _COLOURS: tuple[Colour, ...] = (
@@ -86,7 +88,7 @@ def _standing(view: SessionView, now_s: float) -> tuple[str, bool]:
     if decision.phase == "gathering":
         return "waiting for teachers", True
     if decision.phase == "asking" and waited_s > UNANSWERED_S:
-        return f"no answer for {_span(waited_s)}", True
+        return f"no step for {_span(waited_s)}", True
     if decision.phase != "asking" and waited_s > SILENT_S:
         return f"silent for {_span(waited_s)}", True
     latest = [episode.outcome for episode in view.recent][-LOST_EPISODES:]
@@ -100,7 +102,7 @@ def _span(seconds: float) -> str:
 
 
 def draw_overview(glances: Sequence[Glance], moment: Moment, unshown: int = 0) -> Picture:
-    """Return the cards of the sessions, those that need somebody first.
+    """Return the cards of the sessions, those that need somebody first, and below how to watch another.
 
     Args: unshown: how many more go on that are not watched, which a line below says.
     """
@@ -108,15 +110,15 @@ def draw_overview(glances: Sequence[Glance], moment: Moment, unshown: int = 0) -
     shown = ordered[:SHOWN_MAX]
     columns = 1 if len(shown) == 1 else 2 if len(shown) <= 4 else 3 if len(shown) <= 9 else 4
     rows = -(-len(shown) // columns)
-    below = LINE_HEIGHT if unshown else 0
+    below = [HINT] * (len(glances) > 1) + [f"and {unshown} more that are not shown"] * (unshown > 0)
     height, width = rows * (CARD_HEIGHT + GAP) + GAP, columns * (CARD_WIDTH + GAP) + GAP
-    canvas = np.zeros((height + below, width), np.uint8)
+    canvas = np.zeros((height + len(below) * LINE_HEIGHT, width), np.uint8)
     for number, each in enumerate(shown):
         top = GAP + number // columns * (CARD_HEIGHT + GAP)
         left = GAP + number % columns * (CARD_WIDTH + GAP)
         _draw_card(canvas[top : top + CARD_HEIGHT, left : left + CARD_WIDTH], each)
-    if unshown:
-        font.write(canvas, f"and {unshown} more that are not shown", (height, GAP), _BASE + MUTED)
+    for number, line in enumerate(below):
+        font.write(canvas, line, (height + number * LINE_HEIGHT, GAP), _BASE + MUTED)
     return Picture(ENTITY, moment, encode_palette_png(canvas, _PALETTE))
 
 

@@ -43,7 +43,7 @@ def open_markdown(
 def step_markdown(step: Step, decision: Decision | None) -> str:
     """Return what a learnt step was: what was said, done and learnt."""
     of = "" if decision is None else f" of {decision.episodes}"
-    heading = f"### {step.session}: episode {step.episode + 1}{of}, step {step.step}"
+    heading = f"**{step.session}** · episode {step.episode + 1}{of}, step {step.step}"
     lines = [heading, f"agent went **{_sign(step.action)}**"]
     if step.said:
         said = " · ".join(_saying(each) for each in step.said[:NAMES_SHOWN_MAX])
@@ -57,11 +57,11 @@ def step_markdown(step: Step, decision: Decision | None) -> str:
 
 def event_of_episode(episode: Episode) -> str:
     """Return one line about a finished episode."""
-    fewest = "" if episode.optimal_steps is None else f" (fewest possible {episode.optimal_steps})"
+    fewest = "" if episode.optimal_steps is None else f" (fewest {episode.optimal_steps})"
     return (
-        f"episode {episode.episode + 1}: {ENDS[episode.outcome]} "
-        f"after {_counted(episode.steps, 'step')}{fewest}, "
-        f"return {episode.discounted_return:+.2f}, {_counted(episode.inputs, 'teacher input')}"
+        f"episode {episode.episode + 1} {ENDS[episode.outcome]}: "
+        f"{_counted(episode.steps, 'step')}{fewest}, "
+        f"return {episode.discounted_return:+.2f}, {_counted(episode.inputs, 'input')}"
     )
 
 
@@ -109,7 +109,7 @@ def _standing(report: SessionReport | None) -> list[str]:
         return ["### Waiting for the session"]
     summary = report.summary
     return [
-        f"### {summary.session}: {summary.episode} of {summary.episodes} episodes",
+        f"**{summary.session}** · {summary.episode} of {summary.episodes} episodes",
         f"**{PHASES.get(summary.phase, summary.phase)}** · method **{summary.method}**",
         f"level {summary.level_name} · {_counted(report.labels.applied, 'answer')} applied",
     ]
@@ -117,7 +117,7 @@ def _standing(report: SessionReport | None) -> list[str]:
 
 def _heading(decision: Decision, step: int) -> str:
     episode = min(decision.episode + 1, decision.episodes)
-    return f"### {decision.session}: episode {episode} of {decision.episodes}, step {step}"
+    return f"**{decision.session}** · episode {episode} of {decision.episodes}, step {step}"
 
 
 def _phase(decision: Decision) -> str:

@@ -172,7 +172,7 @@ def test_the_event_log_tells_how_each_episode_ended(tmp_path: Path) -> None:
     monitor.stop()
     texts = [values[0] for _, values in rows_of(tmp_path / "lesson.rrd", "events", "TextLog:text")]
     assert texts[0] == "watching: sfid, 2 episodes, now asking the teachers"
-    assert [text.split(" after")[0] for text in texts[1:3]] == ["episode 1: solved", "episode 2: solved"]
+    assert [text.split(":")[0] for text in texts[1:3]] == ["episode 1 solved", "episode 2 solved"]
     assert texts[3:] == ["session finished"]
 
 
@@ -358,9 +358,27 @@ def test_a_folder_that_cannot_be_written_is_told_in_one_line(tmp_path: Path) -> 
 def test_the_addresses_name_both_servers_for_the_native_viewer_and_the_page() -> None:
     addresses = Addresses(scene_port=1, curves_port=2, web_port=3)
     curves, scene = "rerun+http://127.0.0.1:2/proxy", "rerun+http://127.0.0.1:1/proxy"
-    assert addresses.native_command == f"rerun --connect {curves} {scene}"
+    assert addresses.native_command.endswith(f"rerun --connect {curves} {scene}")
     escaped = "&".join(f"url={url.replace('+', '%2B')}" for url in (curves, scene))
     assert addresses.web_url == f"http://127.0.0.1:3/?{escaped}&hide_welcome_screen&theme=dark"
+
+
+def test_the_command_for_the_viewer_can_be_run_as_it_is_printed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = tmp_path / "env" / "bin" / "rerun"
+    program.parent.mkdir(parents=True)
+    program.touch(0o755)
+    monkeypatch.setattr("sys.executable", str(program.with_name("python")))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    addresses = Addresses(scene_port=1, curves_port=2, web_port=3)
+    monkeypatch.chdir(program.parent.parent)
+    assert addresses.native_command.startswith("bin/rerun --connect ")
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert addresses.native_command.startswith(f"{program} --connect ")
+    monkeypatch.setenv("PATH", str(program.parent))
+    assert addresses.native_command.startswith("rerun --connect ")
 
 
 def _with(message: Message, **changes: object) -> Message:

@@ -4,12 +4,15 @@ import msgspec
 import numpy as np
 
 from protocol.messages import Crowd, Decision, Episode, SaidBy, Step, WorkerReliability
+from services import tiles
+from services.monitor.doubt_pictures import draw_doubtful
 from services.monitor.doubts import Doubts
 from services.monitor.overview import draw_overview, glance
 from services.monitor.reliability import Reliability
-from services.monitor.rows import Moment
-from services.monitor.scene import TeacherColours
+from services.monitor.rows import Arrow, Moment
+from services.monitor.scene import TeacherColours, read_view
 from services.monitor.session_view import SessionView
+from services.tiles import Indexes
 from tests.services.monitor.feeder import WALL_NS, Lesson
 from tests.services.monitor.test_monitor_pictures import decoded
 
@@ -40,6 +43,24 @@ def test_a_state_is_doubtful_by_what_cannot_all_be_right() -> None:
         "the named move moved nothing once"
     )
     assert doubts.cells() == {7: (3, 1), 9: (1, 0)}
+
+
+def test_doubtful_states_are_numbered_and_say_below_how_often_each_move_was_named() -> None:
+    def pictured(*labels: tuple[str, str]) -> tuple[Indexes, tuple[Arrow, ...]]:
+        doubts = Doubts()
+        doubts.add(told(*labels, action="DOWN"), 7)
+        picture = draw_doubtful(doubts.worst(), Moment(1))
+        assert picture is not None
+        return decoded(picture.png)[0], picture.arrows
+
+    two, arrows = pictured(("ada", "UP"), ("ben", "LEFT"))
+    three, _ = pictured(("ada", "UP"), ("ben", "LEFT"), ("cyd", "UP"))
+    board = read_view(told().view).level
+    below = board.height * tiles.TILE
+    assert np.array_equal(two[:below], three[:below]), "nothing is written over the board"
+    assert two[below:].any()
+    assert not np.array_equal(two[below:], three[below:])
+    assert [arrow.vector for arrow in arrows] == [(-12.0, 0.0), (0.0, -12.0)]
 
 
 def test_the_state_labelled_longest_ago_is_forgotten_first() -> None:
@@ -95,7 +116,7 @@ def test_a_session_that_waits_is_told_apart_from_one_that_goes_on() -> None:
         return card.state, card.stuck
 
     assert state(11.0, phase="asking") == ("teaching", False)
-    assert state(200.0, phase="asking") == ("no answer for 3 min", True)
+    assert state(200.0, phase="asking") == ("no step for 3 min", True)
     assert state(40.0, phase="executing") == ("silent for 30 s", True)
     assert state(999.0, phase="gathering") == ("waiting for teachers", True)
     assert state(999.0, phase="asking", paused=True) == ("paused", False)
@@ -119,6 +140,7 @@ def test_all_sessions_are_cards_in_one_picture_who_needs_somebody_first() -> Non
     both, _ = decoded(draw_overview(cards, Moment(3)).png)
     crowded, _ = decoded(draw_overview(cards, Moment(3), unshown=284).png)
     assert both.shape[1] > alone.shape[1]
+    assert both[alone.shape[0] :].any(), "a line says how to watch another"
     assert np.array_equal(crowded[: both.shape[0]], both)
     assert crowded[both.shape[0] :].any(), "a line says how many are not shown"
     assert len(palette) <= 256
