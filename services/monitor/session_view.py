@@ -83,6 +83,12 @@ class SessionView:
         """Views that could not be drawn."""
         return self.chronicle.unreadable_views
 
+    @property
+    def has_begun(self) -> bool:
+        """Whether anything has happened in the session yet: until then it waits for its teachers."""
+        waits = self.decision is None or self.decision.phase == "gathering"
+        return not waits or bool(self.recent) or len(self.chronicle.mirror) > 0
+
     def take(self, message: Message, now_s: float) -> None:
         """Take a message as it comes: it is watched at once, and kept after what came before it."""
         self.decided_s = now_s
@@ -116,7 +122,7 @@ class SessionView:
         """Take what the learner tells about the session."""
         self.chronicle.offer_episodes(report.episodes)
         self.report = report
-        if self.decision is None and self._shown is None:
+        if not self.view and self._shown is None:
             world = report.config.world
             self.view = world.level if isinstance(world, World) else ""
             self._stage.offer((Frame(Moment(report.summary.decision), self.view),))

@@ -37,6 +37,8 @@ def open_markdown(
     lines = [_heading(decision, decision.step), phase]
     window = f"window {decision.window.span_ms / 1000:g} s, {WINDOWS[decision.window.mode]}"
     lines += [_present(decision), f"method **{decision.method}** · {window}"]
+    if decision.phase == "gathering":
+        lines.append(f"teach it: `sfid teach keyboard --session {decision.session}`")
     return "\n\n".join(lines)
 
 

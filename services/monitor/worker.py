@@ -2,8 +2,9 @@
 
 import itertools
 import logging
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, cast
 
 from protocol.codec import DecodeError, decode, encode, printable
@@ -38,6 +39,8 @@ LAST_ROUNDS = 8
 """Rounds after the stop at least: an answer that has just come may lead to one more question."""
 LAST_S = 2.0
 """For how long the rest is worked off after the stop; what waits then is counted as dropped."""
+HELD_MAX = 100
+"""Batches of rows held back for viewers of a session that waits for its teachers: events, most of all."""
 UNSHOWN_S = 60.0
 """For how long a session that is not shown counts as going on after its last message."""
 
@@ -66,6 +69,8 @@ class _Watched:
     recording_id: str
     heard_s: float
     asking: bool = False
+    held: deque[Rows] | None = field(default_factory=lambda: deque(maxlen=HELD_MAX))
+    """What viewers have not been sent, because the session only waits; None once it is shown."""
 
 
 class Worker:
@@ -163,7 +168,7 @@ class Worker:
         self._overview_due_s = now_s + PERIOD_S * pace
         glances = [glance(name, each.view, now_s) for name, each in sorted(self._watched.items())]
         self._unshown = {name: at_s for name, at_s in self._unshown.items() if now_s - at_s < UNSHOWN_S}
-        for watched in self._watched.values():
+        for watched in (each for each in self._watched.values() if each.held is None):
             picture = draw_overview(glances, watched.view.chronicle.moment, len(self._unshown))
             self._live.show(watched.recording_id, Rows(curves=[picture]))
 
@@ -323,7 +328,22 @@ class Worker:
         if watched.recording is not None:
             watched.recording.write(due.kept)
         if self._live is not None:
-            self._live.show(watched.recording_id, due.live)
+            self._show_live(self._live, watched, due.live)
+
+    def _show_live(self, live: Live, watched: _Watched, rows: Rows) -> None:
+        """Show rows to viewers, and hold those of a session that waits back while another is shown.
+
+        A viewer that comes opens the session that was shown last; it is to find one where something happens.
+        """
+        if watched.held is not None:
+            others = any(each.held is None for each in self._watched.values())
+            if others and not watched.view.has_begun:
+                watched.held.append(rows)
+                return
+            for earlier in watched.held:
+                live.show(watched.recording_id, earlier)
+            watched.held = None
+        live.show(watched.recording_id, rows)
 
     def _now_s(self) -> float:
         return self._clock.now_ns() / 1e9
