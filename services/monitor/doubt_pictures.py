@@ -5,8 +5,7 @@ import numpy as np
 from services import tiles
 from services.monitor import font
 from services.monitor.doubts import Doubtful, Doubts
-from services.monitor.png import encode_palette_png
-from services.monitor.rows import Arrow, Document, Moment, Picture
+from services.monitor.rows import Arrow, Document, Indexed, Moment, Picture
 from services.monitor.scene import ViewError, read_view
 from services.monitor.status import SIGNS
 from sfid_core.sokoban.actions import Action
@@ -34,7 +33,7 @@ def draw_conflicts(board: Board, doubts: Doubts, moment: Moment) -> Picture:
         if cell in board.level.reach:
             colour = tiles.VALUES + round(share / most * (tiles.VALUE_COLOURS - 1))
             tiles.cell_view(indexes, board.level, cell)[1:-1, 1:-1] = colour
-    return Picture(CONFLICTS, moment, encode_palette_png(indexes, tiles.palette()))
+    return Picture(CONFLICTS, moment, Indexed(indexes, tiles.palette()))
 
 
 def draw_doubtful(states: list[Doubtful], moment: Moment) -> Picture | None:
@@ -58,7 +57,7 @@ def draw_doubtful(states: list[Doubtful], moment: Moment) -> Picture | None:
         canvas[top:below, left:right] = indexes
         font.write(canvas, caption, (below + 4, left), _WRITTEN)
         arrows += _arrows(board, moves, (left, top))
-    return Picture(STATES, moment, encode_palette_png(canvas, _PALETTE), tuple(arrows))
+    return Picture(STATES, moment, Indexed(canvas, _PALETTE), tuple(arrows))
 
 
 def _moves(state: Doubtful) -> dict[Action, int]:

@@ -8,15 +8,16 @@ import numpy as np
 from services import tiles
 from services.gym.rendering import PICTURE_PREFIX
 from services.monitor import font
-from services.monitor.png import SIGNATURE, encode_palette_png
+from services.monitor.rows import Indexed
 
 PITCH, LINE, SCALE, MARGIN = 5, 9, 3, 12
 """Pixels of the letters from one to the next, and from line to line; pixels a pixel; pixels around all."""
+PNG = b"\x89PNG\r\n\x1a\n"
 SIDE_MAX = 128
 """Columns and lines that are drawn; what is beyond is cut."""
 
 
-def other_png(view: str) -> bytes | None:
+def other_image(view: str) -> Indexed | bytes | None:
     """Return the picture of a view that is no board, None where it holds none."""
     if not view.startswith(PICTURE_PREFIX):
         return _written([line[:SIDE_MAX] for line in view.split("\n")[:SIDE_MAX]])
@@ -24,10 +25,10 @@ def other_png(view: str) -> bytes | None:
         png = b64decode(view.removeprefix(PICTURE_PREFIX), validate=True)
     except (Error, ValueError):
         return None
-    return png if png.startswith(SIGNATURE) else None
+    return png if png.startswith(PNG) else None
 
 
-def _written(lines: list[str]) -> bytes:
+def _written(lines: list[str]) -> Indexed:
     width = max(map(len, lines), default=0) * PITCH * SCALE + 2 * MARGIN
     picture = np.full((len(lines) * LINE * SCALE + 2 * MARGIN, width), tiles.colour_number("_"), np.uint8)
     for row, line in enumerate(lines):
@@ -35,4 +36,4 @@ def _written(lines: list[str]) -> bytes:
             at = MARGIN + row * LINE * SCALE, MARGIN + column * PITCH * SCALE
             colour = "g" if sign in "[](){}<>" else "n"
             font.write(picture, sign, at, tiles.colour_number(colour), SCALE)
-    return encode_palette_png(picture, tiles.palette())
+    return Indexed(picture, tiles.palette())

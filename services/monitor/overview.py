@@ -9,8 +9,7 @@ import numpy.typing as npt
 
 from services import tiles
 from services.monitor import font
-from services.monitor.png import encode_palette_png
-from services.monitor.rows import Colour, Moment, Picture
+from services.monitor.rows import Colour, Indexed, Moment, Picture
 from services.monitor.scene import TEACHER_COLOURS, ViewError, read_view
 from services.monitor.session_view import SessionView
 from sfid_core.sokoban.board import Board
@@ -119,7 +118,7 @@ def draw_overview(glances: Sequence[Glance], moment: Moment, unshown: int = 0) -
         _draw_card(canvas[top : top + CARD_HEIGHT, left : left + CARD_WIDTH], each)
     for number, line in enumerate(below):
         font.write(canvas, line, (height + number * LINE_HEIGHT, GAP), _BASE + MUTED)
-    return Picture(ENTITY, moment, encode_palette_png(canvas, _PALETTE))
+    return Picture(ENTITY, moment, Indexed(canvas, _PALETTE))
 
 
 def _draw_card(card: Indexes, each: Glance) -> None:

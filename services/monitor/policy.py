@@ -5,8 +5,7 @@ from collections import OrderedDict
 import numpy as np
 
 from services import tiles
-from services.monitor.png import encode_palette_png
-from services.monitor.rows import Arrow, Moment, Picture
+from services.monitor.rows import Arrow, Indexed, Moment, Picture
 from sfid_core.sokoban.actions import ACTIONS
 from sfid_core.sokoban.board import Board
 
@@ -63,7 +62,7 @@ def draw_policy(board: Board, mirror: ValueMirror, moment: Moment) -> Picture:
         tiles.put(indexes, level, goal, tiles.GOAL)
     tiles.draw_boxes(indexes, board)
     arrows = tuple(arrow for cell, row in rows.items() if (arrow := _arrow(board, cell, row)) is not None)
-    return Picture(ENTITY, moment, encode_palette_png(indexes, tiles.palette()), arrows)
+    return Picture(ENTITY, moment, Indexed(indexes, tiles.palette()), arrows)
 
 
 def _arrow(board: Board, cell: int, row: tuple[float, ...]) -> Arrow | None:

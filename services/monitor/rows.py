@@ -34,12 +34,24 @@ class Arrow:
 
 
 @dataclass(frozen=True, slots=True)
+class Indexed:
+    """A picture by palette; all pictures of an entity share one."""
+
+    indexes: npt.NDArray[np.uint8]
+    """(height, width), each below the number of colours; not written to any more."""
+    palette: npt.NDArray[np.uint8]
+    """(1 to 256, 3), RGB."""
+
+
+@dataclass(frozen=True, slots=True)
 class Picture:
     """A whole picture with its arrows, logged in one call so that no viewer sees half of it."""
 
     entity: str
     moment: Moment
-    png: bytes
+    image: Indexed | bytes
+    """By palette, or a PNG as an environment sent it: viewers show a palette's at once, and a PNG once they
+    have decoded it, which a slow one has not done when the next one comes."""
     arrows: tuple[Arrow, ...] = ()
 
 

@@ -8,9 +8,8 @@ from functools import lru_cache
 from protocol.messages import Decision, SaidBy, Step
 from services import tiles
 from services.gym.rendering import is_board
-from services.monitor.other_view import other_png
-from services.monitor.png import encode_palette_png
-from services.monitor.rows import Arrow, Colour, Moment, Picture
+from services.monitor.other_view import other_image
+from services.monitor.rows import Arrow, Colour, Indexed, Moment, Picture
 from sfid_core.sokoban.actions import Action
 from sfid_core.sokoban.board import Board
 from sfid_core.sokoban.levels import LevelError, parse_levels
@@ -146,7 +145,7 @@ def draw_world(frame: Frame, colours: TeacherColours, share_left: float | None =
     Args: share_left: how much of the open window is left, drawn as a bar along the upper edge.
     """
     if frame.view and not is_board(frame.view):
-        other = other_png(frame.view)
+        other = other_image(frame.view)
         if other is None:
             raise ViewError("the view begins like a picture and holds none")
         return Picture(ENTITY, frame.moment, other)
@@ -158,8 +157,8 @@ def draw_world(frame: Frame, colours: TeacherColours, share_left: float | None =
     )
     if share_left is not None:
         tiles.draw_count_down(indexes, share_left)
-    png = encode_palette_png(indexes, tiles.palette())
-    return Picture(ENTITY, frame.moment, png, arrows_of(frame, board, colours))
+    image = Indexed(indexes, tiles.palette())
+    return Picture(ENTITY, frame.moment, image, arrows_of(frame, board, colours))
 
 
 def arrows_of(frame: Frame, board: Board, colours: TeacherColours) -> tuple[Arrow, ...]:

@@ -41,11 +41,12 @@ def stream(recording_id: str, tick_s: float, *, send_properties: bool) -> rr.Rec
 class Writer:
     """Writes rows to one stream; used by one thread, because Rerun's time is set by thread."""
 
-    __slots__ = ("_lanes", "_stream")
+    __slots__ = ("_lanes", "_painted", "_stream")
 
     def __init__(self, stream: rr.RecordingStream) -> None:
         self._stream = stream
         self._lanes: set[str] = set()
+        self._painted: set[str] = set()
 
     def style_curves(self) -> None:
         """Give the curves their names and colours."""
@@ -93,8 +94,16 @@ class Writer:
 
     def _picture(self, row: Picture) -> None:
         self._at(row.moment)
-        image = rr.EncodedImage(contents=row.png, media_type="image/png", draw_order=-10.0, opacity=1.0)
-        self._stream.log(row.entity, image, _arrows(row.arrows))
+        self._stream.log(row.entity, self._image(row), _arrows(row.arrows))
+
+    def _image(self, row: Picture) -> rr.SegmentationImage | rr.EncodedImage:
+        if isinstance(row.image, bytes):
+            return rr.EncodedImage(contents=row.image, media_type="image/png", draw_order=-10.0, opacity=1.0)
+        if row.entity not in self._painted:
+            self._painted.add(row.entity)
+            colours = [rr.AnnotationInfo(index, color=rgb) for index, rgb in enumerate(row.image.palette)]
+            self._stream.log(row.entity, rr.AnnotationContext(colours), static=True)
+        return rr.SegmentationImage(row.image.indexes, draw_order=-10.0, opacity=1.0)
 
     def _lane(self, row: Lane) -> None:
         entity = f"teachers/{row.teacher}"

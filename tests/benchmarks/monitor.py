@@ -232,7 +232,7 @@ def _shows(path: Path, saved: bytes) -> bool:
         warnings.simplefilter("ignore")
         try:
             curves = rows_of(part, "curves/steps", "Scalars:scalars")
-            return bool(curves and rows_of(part, "world", "EncodedImage:blob"))
+            return bool(curves and rows_of(part, "world", "SegmentationImage:buffer"))
         except (OSError, RuntimeError, ValueError):
             return False
 

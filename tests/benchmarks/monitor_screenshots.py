@@ -143,7 +143,8 @@ def native(path: Path, source: list[str], wait_s: float) -> bool:
             "--hide-welcome-screen",
         ]  # fmt: skip
         process = subprocess.Popen(
-            command, env={**environment, "HOME": home, "RUST_LOG": "off"}, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            command, env={**environment, "HOME": home, "RUST_LOG": "off"},
+            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
         )  # fmt: skip
         try:
             process.wait(wait_s)

@@ -19,7 +19,7 @@ from services.monitor.status import (
     step_markdown,
 )
 from tests.services.monitor.feeder import ROOM, SOLUTION_ROOM, WALL_NS, Lesson
-from tests.services.monitor.test_monitor_pictures import cell_of, decoded
+from tests.services.monitor.test_monitor_pictures import cell_of, indexes_of
 
 
 def episodes(count: int) -> list[Episode]:
@@ -153,7 +153,7 @@ def test_the_policy_shows_the_best_action_and_the_value_where_it_is_known() -> N
     (arrow,) = picture.arrows
     assert arrow.vector[0] > 0
     assert arrow.vector[1] == 0
-    indexes, _ = decoded(picture.png)
+    indexes = indexes_of(picture)
     assert cell_of(indexes, 1, 1)[8, 8] == tiles.VALUES
     assert cell_of(indexes, 1, 2)[8, 8] == tiles.VALUES + tiles.VALUE_COLOURS - 1
 

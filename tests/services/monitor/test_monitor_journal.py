@@ -27,7 +27,8 @@ from sfid_core.sokoban.actions import ACTIONS
 from tests.services.cli.command_line import sfid
 from tests.services.learner.classroom import KEYS, Classroom, Pupil, optimal, session
 from tests.services.monitor.rrd_rows import entities_of, rows_of
-from tests.services.monitor.test_monitor_service import SCALARS, Running
+from tests.services.monitor.test_monitor_pictures import indexes_of
+from tests.services.monitor.test_monitor_service import PIXELS, SCALARS, Running
 
 NAMES = tuple(action.name for action in ACTIONS)
 EARLY = WindowSpec(mode="early", span_ms=1_000)
@@ -160,11 +161,11 @@ def test_every_curve_and_picture_holds_what_the_journal_tells(room: Classroom, t
         for said in step.said:
             colours.of(said.teacher)
         for frame in frames_of_step(step, step.at_ns):
-            frames[frame.moment.step, frame.action] = draw_world(frame, colours).png
+            frames[frame.moment.step, frame.action] = indexes_of(draw_world(frame, colours)).tobytes()
     pictures = [
-        (at["step"], bytes(png)) for at, (png,) in rows_of(path, "world", "EncodedImage:blob") if "wall" in at
+        (at["step"], bytes(pixels)) for at, (pixels,) in rows_of(path, "world", PIXELS) if "wall" in at
     ]
-    assert {png for _, png in pictures} <= set(frames.values())
+    assert {pixels for _, pixels in pictures} <= set(frames.values())
     assert pictures[0][0] == 0
     for step in steps:
         read_view(step.view)

@@ -18,7 +18,7 @@ from services.monitor.service import MonitorConfig
 from services.monitor.web import viewer_program
 from tests.services.monitor.feeder import Lesson
 from tests.services.monitor.rrd_rows import rows_of
-from tests.services.monitor.test_monitor_service import DEADLINE_S, SCALARS, Running
+from tests.services.monitor.test_monitor_service import DEADLINE_S, PIXELS, SCALARS, Running
 
 pytestmark = pytest.mark.real
 
@@ -70,7 +70,7 @@ class SavingViewer:
             warnings.simplefilter("ignore")  # the file is still being written and has no footer
             try:
                 episodes = [at["episode"] for at, _ in rows_of(self.path, "curves/steps", SCALARS)]
-                return episodes, bool(rows_of(self.path, "world", "EncodedImage:blob"))
+                return episodes, bool(rows_of(self.path, "world", PIXELS))
             except (OSError, RuntimeError, ValueError):
                 return [], False
 

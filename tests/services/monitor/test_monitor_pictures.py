@@ -1,7 +1,5 @@
-"""The picture of the world: PNG, tiles, arrows, and which moment is shown."""
+"""The picture of the world: palette, tiles, arrows, and which moment is shown."""
 
-import struct
-import zlib
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +8,7 @@ import pytest
 
 from protocol.messages import SaidBy, Step
 from services import tiles
-from services.monitor.png import encode_palette_png
-from services.monitor.rows import Moment
+from services.monitor.rows import Indexed, Moment, Picture
 from services.monitor.scene import (
     AGENT_COLOUR,
     BUMPED_COLOUR,
@@ -31,21 +28,11 @@ VIEW = "#######\n#     #\n#@$ . #\n#     #\n#######"
 SOLVED = "#######\n#     #\n#  @* #\n#     #\n#######"
 
 
-def decoded(png: bytes) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
-    """The indexes and the palette of a PNG, read by the book."""
-    assert png[:8] == b"\x89PNG\r\n\x1a\n"
-    chunks, at = {}, 8
-    while at < len(png):
-        (length,) = struct.unpack(">I", png[at : at + 4])
-        kind, body = png[at + 4 : at + 8], png[at + 8 : at + 8 + length]
-        assert struct.unpack(">I", png[at + 8 + length : at + 12 + length]) == (zlib.crc32(kind + body),)
-        chunks[kind] = body
-        at += 12 + length
-    width, height, depth, colour_type = struct.unpack(">IIBB", chunks[b"IHDR"][:10])
-    assert (depth, colour_type) == (8, 3)
-    lines = np.frombuffer(zlib.decompress(chunks[b"IDAT"]), np.uint8).reshape(height, width + 1)
-    assert not lines[:, 0].any()
-    return lines[:, 1:], np.frombuffer(chunks[b"PLTE"], np.uint8).reshape(-1, 3)
+def indexes_of(picture: Picture) -> npt.NDArray[np.uint8]:
+    """The pixels of a picture that is drawn by palette."""
+    assert isinstance(picture.image, Indexed)
+    assert picture.image.indexes.max() < len(picture.image.palette) <= 256
+    return picture.image.indexes
 
 
 def cell_of(picture: npt.NDArray[np.uint8], row: int, column: int) -> npt.NDArray[np.uint8]:
@@ -60,15 +47,7 @@ def label(teacher: str, action: str) -> SaidBy:
     return SaidBy(teacher=teacher, kind="label", action=action)
 
 
-def test_a_png_holds_exactly_the_indexes_and_colours_it_was_made_of() -> None:
-    indexes = np.arange(30, dtype=np.uint8).reshape(5, 6) % 7
-    palette = np.arange(21, dtype=np.uint8).reshape(7, 3)
-    read_indexes, read_palette = decoded(encode_palette_png(indexes, palette))
-    assert np.array_equal(read_indexes, indexes)
-    assert np.array_equal(read_palette, palette)
-
-
-def test_every_sprite_is_a_whole_tile_and_the_palette_fits_a_png() -> None:
+def test_every_sprite_is_a_whole_tile_and_the_palette_fits_a_byte() -> None:
     for indexes, covers in (tiles.BOX, tiles.BOX_AT_HOME, tiles.GOAL, *tiles.KEEPER.values()):
         assert indexes.shape == covers.shape == (16, 16)
         assert indexes[covers].all()
@@ -77,14 +56,14 @@ def test_every_sprite_is_a_whole_tile_and_the_palette_fits_a_png() -> None:
 
 
 def test_the_picture_shows_player_box_and_goal_where_the_view_has_them() -> None:
-    picture, _ = decoded(draw_world(frame(action="RIGHT"), TeacherColours()).png)
+    picture = indexes_of(draw_world(frame(action="RIGHT"), TeacherColours()))
     assert picture.shape == (5 * 16, 7 * 16)
     for sprite, row, column in ((tiles.KEEPER["RIGHT"], 2, 1), (tiles.BOX, 2, 2), (tiles.GOAL, 2, 4)):
         assert np.array_equal(cell_of(picture, row, column)[sprite[1]], sprite[0][sprite[1]])
 
 
 def test_a_box_on_its_goal_looks_different_and_a_solved_view_can_be_drawn() -> None:
-    picture, _ = decoded(draw_world(frame(SOLVED), TeacherColours()).png)
+    picture = indexes_of(draw_world(frame(SOLVED), TeacherColours()))
     indexes, covers = tiles.BOX_AT_HOME
     assert np.array_equal(cell_of(picture, 2, 4)[covers], indexes[covers])
 

@@ -36,9 +36,11 @@ from services.runtime.bus import Reply, Request
 from services.runtime.memory_bus import MemoryBus, MemoryHub
 from tests.services.monitor.feeder import ROOM, SOLUTION_ROOM, Lesson
 from tests.services.monitor.rrd_rows import entities_of, rows_of
+from tests.services.monitor.test_monitor_pictures import indexes_of
 
 DEADLINE_S = 30.0
 SCALARS = "Scalars:scalars"
+PIXELS = "SegmentationImage:buffer"
 PICTURES = ("world", "policy", "conflicts", "doubtful")
 Message = Decision | Step | Episode
 
@@ -154,13 +156,14 @@ def test_the_recording_holds_every_picture_that_was_drawn_and_ends_on_the_last(t
     monitor.publish(*messages)
     counts = monitor.stop()
     path = tmp_path / "lesson.rrd"
-    pictures = {name: rows_of(path, name, "EncodedImage:blob") for name in PICTURES}
+    pictures = {name: rows_of(path, name, PIXELS) for name in PICTURES}
     assert sum(map(len, pictures.values())) == counts.pictures
     last = [message for message in messages if isinstance(message, Step)][-1]
     ended = frames_of_step(last, last.at_ns)[-1]
     expected = draw_world(ended, TeacherColours())
-    at, (png,) = pictures["world"][-1]
-    assert (at["step"], at["episode"], bytes(png)) == (last.decision + 1, last.episode, expected.png)
+    at, (pixels,) = pictures["world"][-1]
+    assert (at["step"], at["episode"]) == (last.decision + 1, last.episode)
+    assert bytes(pixels) == indexes_of(expected).tobytes()
     named = {f"{kind}/{name}" for kind in ("teachers", "reliability") for name in ("ada", "ben", "cyd")}
     curves = {f"curves/{name}" for name in ("steps", "td_error", "return", "inputs", "agreement")}
     assert entities_of(path) == {*PICTURES, "now", "events", "episodes", "doubts"} | named | curves

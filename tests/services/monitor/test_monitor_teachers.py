@@ -9,12 +9,12 @@ from services.monitor.doubt_pictures import draw_doubtful
 from services.monitor.doubts import Doubts
 from services.monitor.overview import draw_overview, glance
 from services.monitor.reliability import Reliability
-from services.monitor.rows import Arrow, Moment
+from services.monitor.rows import Arrow, Indexed, Moment
 from services.monitor.scene import TeacherColours, read_view
 from services.monitor.session_view import SessionView
 from services.tiles import Indexes
 from tests.services.monitor.feeder import WALL_NS, Lesson
-from tests.services.monitor.test_monitor_pictures import decoded
+from tests.services.monitor.test_monitor_pictures import indexes_of
 
 SECOND_NS = 10**9
 
@@ -51,7 +51,7 @@ def test_doubtful_states_are_numbered_and_say_below_how_often_each_move_was_name
         doubts.add(told(*labels, action="DOWN"), 7)
         picture = draw_doubtful(doubts.worst(), Moment(1))
         assert picture is not None
-        return decoded(picture.png)[0], picture.arrows
+        return indexes_of(picture), picture.arrows
 
     two, arrows = pictured(("ada", "UP"), ("ben", "LEFT"))
     three, _ = pictured(("ada", "UP"), ("ben", "LEFT"), ("cyd", "UP"))
@@ -136,13 +136,14 @@ def test_five_unsolved_episodes_are_a_session_to_look_after() -> None:
 def test_all_sessions_are_cards_in_one_picture_who_needs_somebody_first() -> None:
     views = {"fine": view_of(phase="asking"), "stuck": view_of(phase="gathering")}
     cards = [glance(name, view, 11.0) for name, view in views.items()]
-    alone, palette = decoded(draw_overview(cards[:1], Moment(3)).png)
-    both, _ = decoded(draw_overview(cards, Moment(3)).png)
-    crowded, _ = decoded(draw_overview(cards, Moment(3), unshown=284).png)
+    alone = indexes_of(draw_overview(cards[:1], Moment(3)))
+    both = indexes_of(draw_overview(cards, Moment(3)))
+    crowded = indexes_of(draw_overview(cards, Moment(3), unshown=284))
     assert both.shape[1] > alone.shape[1]
     assert both[alone.shape[0] :].any(), "a line says how to watch another"
     assert np.array_equal(crowded[: both.shape[0]], both)
     assert crowded[both.shape[0] :].any(), "a line says how many are not shown"
-    assert len(palette) <= 256
-    first = palette[both[20, 9]]
+    image = draw_overview(cards, Moment(3)).image
+    assert isinstance(image, Indexed)
+    first = image.palette[both[20, 9]]
     assert np.array_equal(first, (255, 92, 84))
