@@ -55,8 +55,8 @@ BATCH = 500
 """Decisions sent between two looks at the monitor."""
 MEMORY_MB_MAX = 700
 WAIT_S = 60.0
-QUIET_S = 2.0
-"""A viewer that was sent nothing for so long has been told the past."""
+WATCHED_S = 10.0
+"""For how long a late viewer is watched: thrice as long as it may take."""
 PAUSE = threading.Event()
 """Never set: other processes are waited for, and looked at now and then."""
 VIEWERS = 10
@@ -180,7 +180,7 @@ def hours(count: float, speed: float) -> dict[str, object]:
             "dropped_messages": dropped, "monitor_cpu_s": monitor.cpu_s(),
             "memory_mb_most": most_mb, "memory_mb_now": now_mb,
             "memory_mb_after_a_tenth": resident[tenth - 1], "memory_mb_limit": float(MEMORY_MB_MAX),
-            "late_viewer_shown_after_s": appeared_s, "late_viewer_told_all_after_s": told_s,
+            "late_viewer_shown_after_s": appeared_s, "late_viewer_has_all_after_s": told_s,
             "late_viewer_target_s": 3.0,
         }  # fmt: skip
 
@@ -207,34 +207,38 @@ def settle(bus: ZenohBus) -> int:
 
 
 def late(path: Path, monitor: Monitor) -> tuple[float, float]:
-    """Return the seconds from a viewer's start until it had a picture and the curves, and the whole past.
+    """Return the seconds from a viewer's start until it had a picture and the curves, and until all of these.
 
     What it saves is only measured while it comes, and read afterwards: its first bytes up to each moment.
     """
     begun, sizes = time.monotonic(), [(0.0, 0)]
     with viewer(path, monitor):
-        while (now_s := time.monotonic() - begun) < WAIT_S:
+        while (now_s := time.monotonic() - begun) < WATCHED_S:
             size = path.stat().st_size if path.exists() else 0
             if size > sizes[-1][1]:
                 sizes.append((now_s, size))
-            elif size and now_s - sizes[-1][0] > QUIET_S:
-                break
             PAUSE.wait(0.02)
     saved = path.read_bytes()
-    shown = bisect.bisect_left(sizes, 1, key=lambda moment: _shows(path, saved[: moment[1]]))
-    return sizes[shown][0] if shown < len(sizes) else float("inf"), sizes[-1][0]
+    every = _episodes_in(path, saved)
+    found = [
+        bisect.bisect_left(sizes, count, key=lambda moment: _episodes_in(path, saved[: moment[1]]))
+        for count in (1, max(1, every))
+    ]
+    shown_s, told_s = (sizes[at][0] if at < len(sizes) else float("inf") for at in found)
+    return shown_s, told_s
 
 
-def _shows(path: Path, saved: bytes) -> bool:
+def _episodes_in(path: Path, saved: bytes) -> int:
+    """Return how many episodes' steps have come, if a picture has come too."""
     part = path.with_suffix(".part.rrd")
     part.write_bytes(saved)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            curves = rows_of(part, "curves/steps", "Scalars:scalars")
-            return bool(curves and rows_of(part, "world", "SegmentationImage:buffer"))
+            pictured = rows_of(part, "world", "SegmentationImage:buffer")
+            return len(rows_of(part, "curves/steps", "Scalars:scalars")) if pictured else 0
         except (OSError, RuntimeError, ValueError):
-            return False
+            return 0
 
 
 def beside(runs: int, labels: int) -> dict[str, object]:
