@@ -301,7 +301,8 @@ def run(config: EnvironmentConfig, bus: Bus, ready: Callable[[], None], stop: th
     desk = StatusDesk(
         "environment", config.name, SystemClock(),
         lambda: {
-            "backlog": inbox.qsize(), "sessions": environment.sessions, "refused": dict(environment.refused)
+            "backlog": inbox.qsize(), "sessions": environment.sessions, "running": environment.sessions,
+            "refused": dict(environment.refused),
         },
     )  # fmt: skip
     bus.serve(keys.status("environment", config.name), receive("status"))

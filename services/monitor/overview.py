@@ -77,11 +77,10 @@ def glance(session: str, view: SessionView, now_s: float) -> Glance:
 def _standing(view: SessionView, now_s: float) -> tuple[str, bool]:
     """Return the state of a session in a few words, and whether somebody should look after it."""
     decision, waited_s = view.decision, now_s - view.decided_s
-    if decision is None:
-        finished = view.report is not None and view.report.summary.phase == "finished"
-        return ("finished" if finished else "not heard yet"), False
-    if decision.phase == "finished":
+    if view.is_finished:
         return "finished", False
+    if decision is None:
+        return "not heard yet", False
     if decision.paused:
         return "paused", False
     if decision.phase == "gathering":

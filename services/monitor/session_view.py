@@ -89,6 +89,13 @@ class SessionView:
         waits = self.decision is None or self.decision.phase == "gathering"
         return not waits or bool(self.recent) or len(self.chronicle.mirror) > 0
 
+    @property
+    def is_finished(self) -> bool:
+        """Whether the session is known to have ended."""
+        if self.decision is not None:
+            return self.decision.phase == "finished"
+        return self.report is not None and self.report.summary.phase == "finished"
+
     def take(self, message: Message, now_s: float) -> None:
         """Take a message as it comes: it is watched at once, and kept after what came before it."""
         self.decided_s = now_s

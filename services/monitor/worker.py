@@ -96,6 +96,7 @@ class Worker:
         return {
             "backlog": self.inbox.waiting,
             "sessions": len(self._watched),
+            "running": sum(not each.view.is_finished for each in self._watched.values()),
             "refused": {reason: count for reason, count in refused.items() if count},
         }
 

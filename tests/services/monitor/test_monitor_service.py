@@ -83,15 +83,15 @@ class Running:
     def work_off(self) -> None:
         """Wait until everything that was published has been shown."""
         for _ in range(2):  # what was taken together with the first question is shown before the second
-            while self._backlog():
+            while self.status().backlog:
                 pass
 
-    def _backlog(self) -> int:
+    def status(self) -> ServiceStatus:
         replies: SimpleQueue[Reply | None] = SimpleQueue()
         self.bus.ask(self.keys.status("monitor", "0"), b"", replies.put, int(DEADLINE_S * 1000))
         reply = replies.get(timeout=DEADLINE_S)
         assert reply is not None
-        return decode(reply.payload, ServiceStatus).backlog
+        return decode(reply.payload, ServiceStatus)
 
     def stop(self, *, worked_off: bool = True) -> MonitorCounts:
         if worked_off and self._delivers and not self._errors:
@@ -322,6 +322,16 @@ def test_without_a_learner_the_curves_begin_where_the_monitor_did(tmp_path: Path
     monitor.publish(*_episodes(6)[4:])
     monitor.stop()
     assert [episode for _, episode, _ in series(tmp_path / "lesson.rrd", "curves/steps")] == [4, 5]
+
+
+def test_its_status_counts_the_sessions_that_go_on(tmp_path: Path) -> None:
+    monitor = Running(recorded(tmp_path))
+    monitor.publish(*Lesson(session="over", episodes=1).messages())
+    monitor.publish(next(Lesson(session="on").messages()))
+    monitor.work_off()
+    status = monitor.status()
+    monitor.stop()
+    assert (status.sessions, status.running) == (2, 1)
 
 
 def test_without_viewers_no_port_is_opened(tmp_path: Path) -> None:
