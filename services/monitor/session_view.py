@@ -28,7 +28,7 @@ SCENE_PERIOD_S = 0.1
 COUNT_DOWN_PERIOD_S = 0.2
 POLICY_PERIOD_S = 0.5
 STATUS_PERIOD_S = 0.5
-FILE_PERIOD_S = 10.0
+FILE_PERIOD_S = 30.0
 """A killed monitor loses so much of its file; `sfid export` makes it anew from the journal. Rows that were
 written as they come would fill the memory within hours: see `rows.merged`."""
 CURVES_PERIOD_S = 2.0
