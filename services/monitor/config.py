@@ -1,5 +1,6 @@
 """What the monitor needs to know; free of rerun, so that a command line can read it at once."""
 
+import shlex
 import shutil
 import socket
 import sys
@@ -85,16 +86,19 @@ class Addresses:
     @property
     def native_command(self) -> str:
         """The command that opens the native viewer on this machine."""
-        return f"{_viewer()} --connect {self.curves_url} {self.scene_url}"
+        return (
+            f"{viewer_command(Path(sys.executable), Path.cwd())} --connect {self.curves_url} {self.scene_url}"
+        )
 
 
-def _viewer() -> str:
-    """The viewer as this shell finds it: by its name, or beside this Python where that is not activated."""
-    beside = Path(sys.executable).with_name("rerun")
+def viewer_command(python: Path, here: Path) -> str:
+    """Return the viewer as a shell in `here` finds it: by its name, or beside a Python that is not activated."""
+    beside = python.with_name("rerun")
     if shutil.which("rerun") is not None or not beside.is_file():
         return "rerun"
-    here = Path.cwd()
-    return str(beside.relative_to(here) if beside.is_relative_to(here) else beside)
+    # A name without a slash would be looked for in PATH alone.
+    near = beside.is_relative_to(here) and beside.parent != here
+    return shlex.quote(str(beside.relative_to(here) if near else beside))
 
 
 def chosen_ports(config: MonitorConfig) -> Addresses:

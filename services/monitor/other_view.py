@@ -11,10 +11,12 @@ from services.monitor import font
 from services.monitor.rows import Indexed
 
 PITCH, LINE, SCALE, MARGIN = 5, 9, 3, 12
-"""Pixels of the letters from one to the next, and from line to line; pixels a pixel; pixels around all."""
+"""Pixels of the letters from one to the next, and from line to line; pixels a pixel at most; around all."""
 PNG = b"\x89PNG\r\n\x1a\n"
 SIDE_MAX = 128
 """Columns and lines that are drawn; what is beyond is cut."""
+LARGE = 64
+"""Columns or lines, times the scale, up to which letters are enlarged: a picture is raw pixels to viewers."""
 
 
 def other_image(view: str) -> Indexed | bytes | None:
@@ -29,11 +31,13 @@ def other_image(view: str) -> Indexed | bytes | None:
 
 
 def _written(lines: list[str]) -> Indexed:
-    width = max(map(len, lines), default=0) * PITCH * SCALE + 2 * MARGIN
-    picture = np.full((len(lines) * LINE * SCALE + 2 * MARGIN, width), tiles.colour_number("_"), np.uint8)
+    columns = max(map(len, lines), default=0)
+    scale = max(1, min(SCALE, LARGE // max(1, columns, len(lines))))
+    shape = len(lines) * LINE * scale + 2 * MARGIN, columns * PITCH * scale + 2 * MARGIN
+    picture = np.full(shape, tiles.colour_number("_"), np.uint8)
     for row, line in enumerate(lines):
         for column, sign in enumerate(line):
-            at = MARGIN + row * LINE * SCALE, MARGIN + column * PITCH * SCALE
+            at = MARGIN + row * LINE * scale, MARGIN + column * PITCH * scale
             colour = "g" if sign in "[](){}<>" else "n"
-            font.write(picture, sign, at, tiles.colour_number(colour), SCALE)
+            font.write(picture, sign, at, tiles.colour_number(colour), scale)
     return Indexed(picture, tiles.palette())

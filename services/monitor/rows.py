@@ -76,7 +76,7 @@ class Lane:
 
 @dataclass(frozen=True, slots=True)
 class Reliabilities:
-    """How often one teacher is right, as far as is known, with the standard error."""
+    """How reliable one teacher is, by others' labels or their aggregator, with the standard error."""
 
     teacher: str
     colour: Colour

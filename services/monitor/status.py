@@ -37,8 +37,7 @@ def open_markdown(
     lines = [_heading(decision, decision.step), phase]
     window = f"window {decision.window.span_ms / 1000:g} s, {WINDOWS[decision.window.mode]}"
     lines += [_present(decision), f"method **{decision.method}** · {window}"]
-    if decision.phase == "gathering":
-        lines.append(f"teach it: `sfid teach keyboard --session {decision.session}`")
+    lines += _hint(decision.phase, decision.session)
     return "\n\n".join(lines)
 
 
@@ -114,7 +113,12 @@ def _standing(report: SessionReport | None) -> list[str]:
         f"**{summary.session}** · {summary.episode} of {summary.episodes} episodes",
         f"**{PHASES.get(summary.phase, summary.phase)}** · method **{summary.method}**",
         f"level {summary.level_name} · {_counted(report.labels.applied, 'answer')} applied",
+        *_hint(summary.phase, summary.session),
     ]
+
+
+def _hint(phase: str, session: str) -> list[str]:
+    return [f"teach it: `sfid teach keyboard --session {session}`"] if phase == "gathering" else []
 
 
 def _heading(decision: Decision, step: int) -> str:

@@ -138,7 +138,8 @@ class Worker:
 
     def close(self) -> None:
         """End every recording well; safe to call again."""
-        for session in list(self._watched):
+        # Those held back first: they stay so while another is shown, and no viewer leaves that one for them.
+        for session in sorted(self._watched, key=lambda name: self._watched[name].held is None):
             self._unwatch(session)
         self.counts.dropped_messages = self.inbox.dropped + self.inbox.waiting
 
@@ -337,9 +338,10 @@ class Worker:
         A viewer that comes opens the session that was shown last; it is to find one where something happens.
         """
         if watched.held is not None:
-            others = any(each.held is None for each in self._watched.values())
+            others = any(each.held is None and not each.view.is_finished for each in self._watched.values())
             if others and not watched.view.has_begun:
-                watched.held.append(rows)
+                if rows.scene or rows.curves:  # most rounds bring nothing, and would push out what did
+                    watched.held.append(rows)
                 return
             for earlier in watched.held:
                 live.show(watched.recording_id, earlier)

@@ -46,6 +46,8 @@ def test_the_monitor_draws_text_and_hands_pictures_on_as_they_came() -> None:
     other = draw_world(Frame(Moment(0), LAKE.replace("S", "X")), TeacherColours())
     assert not np.array_equal(indexes_of(drawn), indexes_of(other))
     assert drawn.arrows == ()
+    large = draw_world(Frame(Moment(0), "\n".join(["x" * 200] * 200)), TeacherColours())
+    assert indexes_of(large).nbytes < 1_000_000, "viewers are sent raw pixels"
     view = as_picture(np.full((40, 40, 3), 90, np.uint8))
     assert draw_world(Frame(Moment(0), view), TeacherColours()).image == b64decode(view.partition(",")[2])
     with pytest.raises(ViewError, match="begins like a picture and holds none"):

@@ -28,7 +28,7 @@ from protocol.messages import (
     World,
 )
 from protocol.status_message import ServiceStatus
-from services.monitor.config import Addresses
+from services.monitor.config import Addresses, viewer_command
 from services.monitor.scene import TeacherColours, draw_world, frames_of_step
 from services.monitor.service import MonitorConfig, MonitorCounts, MonitorError, run
 from services.monitor.web import viewer_program
@@ -379,19 +379,17 @@ def test_the_addresses_name_both_servers_for_the_native_viewer_and_the_page() ->
 def test_the_command_for_the_viewer_can_be_run_as_it_is_printed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    program = tmp_path / "env" / "bin" / "rerun"
-    program.parent.mkdir(parents=True)
-    program.touch(0o755)
-    monkeypatch.setattr("sys.executable", str(program.with_name("python")))
+    python = tmp_path / "my env" / "bin" / "python"
+    python.parent.mkdir(parents=True)
     monkeypatch.setenv("PATH", str(tmp_path))
-    addresses = Addresses(scene_port=1, curves_port=2, web_port=3)
-    monkeypatch.chdir(program.parent.parent)
-    assert addresses.native_command.startswith("bin/rerun --connect ")
-    (tmp_path / "elsewhere").mkdir()
-    monkeypatch.chdir(tmp_path / "elsewhere")
-    assert addresses.native_command.startswith(f"{program} --connect ")
-    monkeypatch.setenv("PATH", str(program.parent))
-    assert addresses.native_command.startswith("rerun --connect ")
+    assert viewer_command(python, tmp_path) == "rerun", "there is none beside this Python"
+    python.with_name("rerun").touch(0o755)
+    assert viewer_command(python, python.parent.parent) == "bin/rerun"
+    assert viewer_command(python, tmp_path) == "'my env/bin/rerun'"
+    for elsewhere in (tmp_path / "elsewhere", python.parent):
+        assert viewer_command(python, elsewhere) == f"'{python.with_name('rerun')}'"
+    monkeypatch.setenv("PATH", str(python.parent))
+    assert viewer_command(python, tmp_path) == "rerun"
 
 
 def _with(message: Message, **changes: object) -> Message:
