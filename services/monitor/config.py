@@ -92,7 +92,7 @@ class Addresses:
 
 
 def viewer_command(python: Path, here: Path) -> str:
-    """Return the viewer as a shell in `here` finds it: by its name, or beside a Python that is not activated."""
+    """Return the viewer as a shell in `here` finds it: by name, or beside a Python that is not activated."""
     beside = python.with_name("rerun")
     if shutil.which("rerun") is not None or not beside.is_file():
         return "rerun"
