@@ -5,6 +5,7 @@ from sfid_core.session.state import Phase, Session
 from sfid_core.teaching.answers import AnswerKind
 
 NOT_OPEN_YET = "that decision is not open yet"
+ASKING, REWARD = Phase.ASKING, AnswerKind.REWARD  # met at every answer; see `machine`
 
 
 def is_plainly_open(session: Session, event: AnswerGiven) -> bool:
@@ -17,9 +18,9 @@ def is_plainly_open(session: Session, event: AnswerGiven) -> bool:
         answer.kind is (method.asks_before if session.transition is None else method.asks_after)
         and event.decision == session.decision
         and event.state == session.state
-        and session.phase is Phase.ASKING
+        and session.phase is ASKING
         and event.teacher in session.teachers
-        and (answer.kind is not AnswerKind.REWARD or answer.action in {None, session.action})
+        and (answer.kind is not REWARD or answer.action in {None, session.action})
     )
 
 
@@ -37,14 +38,14 @@ def why_rejected(session: Session, event: AnswerGiven) -> str:
         event.decision == session.decision and _is_unasked(session, kind)
     ):
         return NOT_OPEN_YET
-    if event.decision == session.decision and session.phase is Phase.ASKING:
+    if event.decision == session.decision and session.phase is ASKING:
         return _why_another(session, event)
     return ""
 
 
 def is_open_to(session: Session, event: AnswerGiven) -> bool:
     """Tell whether the window that is open now is the one that the answer is for."""
-    if session.phase is not Phase.ASKING or event.decision != session.decision:
+    if session.phase is not ASKING or event.decision != session.decision:
         return False
     if event.answer.kind is AnswerKind.UNDO:
         return session.transition is not None
@@ -55,7 +56,7 @@ def _why_another(session: Session, event: AnswerGiven) -> str:
     """Say what in the open decision is not what the answer was given for, or return an empty text."""
     if event.state != session.state:
         return "that decision was asked for another state"
-    judged = event.answer.action if event.answer.kind is AnswerKind.REWARD else None
+    judged = event.answer.action if event.answer.kind is REWARD else None
     return "" if judged in {None, session.action} else "that decision led to another action"
 
 
