@@ -97,12 +97,16 @@ def learners(deployed: Deployed, shards: int) -> tuple[Service, ...]:
     )
 
 
-def monitor(deployed: Deployed, *, viewer: bool, ports: tuple[int, int, int]) -> Service:
-    """Return the monitor; ports are those of the scene, the curves and the web page, 0 for free ones."""
+def monitor(deployed: Deployed, *, viewer: bool, ports: tuple[int, int, int], crowd: bool = False) -> Service:
+    """Return the monitor.
+
+    Args: ports: those of the scene, the curves and the web page, 0 for free ones; crowd: whether one teaches.
+    """
     scene, curves, web = ports
     arguments = ("monitor", *deployed.common, "--recordings", str(deployed.data / "recordings"))
     arguments += ("--scene-port", str(scene), "--curves-port", str(curves), "--web-port", str(web))
-    return Service("monitor", (*arguments, "--viewer" if viewer else "--no-viewer"))
+    arguments += ("--viewer" if viewer else "--no-viewer", *(("--crowd",) if crowd else ()))
+    return Service("monitor", arguments)
 
 
 def aggregator(deployed: Deployed, section: AggregatorSection) -> Service:

@@ -5,8 +5,10 @@ from pathlib import Path
 
 from services.cli.options import DATA, ENDPOINT
 from services.runtime.endpoint import reached_at
+from services.topology import CROWD
 
 DEPLOYMENT = "local"
+SESSION = "{session}"
 
 
 def suggested(
@@ -33,3 +35,14 @@ def suggested(
     if data != usual_data:
         flags += ["--data", str(data)]
     return f"`{' '.join(['sfid', words, *map(shlex.quote, flags)])}`"
+
+
+def teaching(connect: str, deployment: str, *, crowd: bool) -> str:
+    """Return how a session of this deployment is taught, with `{session}` where its name goes.
+
+    Args: crowd: whether a crowd teaches there too, as one of the teachers.
+    """
+    words = f"teach keyboard --session {SESSION}"
+    alone = suggested(words, connect, deployment)
+    member = suggested(words, connect, f"{deployment}{CROWD}")
+    return f"{alone}, or as one of the crowd: {member}" if crowd else alone

@@ -8,6 +8,7 @@ import typer
 
 from protocol.keys import checked
 from services.cli.failure import CommandError
+from services.cli.next_command import teaching
 from services.cli.options import (
     ENDPOINT,
     Access,
@@ -113,6 +114,7 @@ def monitor(  # noqa: PLR0917 - one argument a flag
     insecure_bind: Annotated[
         bool, typer.Option(help="Serve on every address, although whoever reaches it can also write.")
     ] = False,
+    crowd: Annotated[bool, typer.Option(help="Tell viewers also how to teach as one of the crowd.")] = False,
     verbose: Verbose = False,
     supervised_fd: SupervisedFd = None,
 ) -> None:
@@ -131,6 +133,7 @@ def monitor(  # noqa: PLR0917 - one argument a flag
         web_port=web_port,
         viewer=viewer,
         insecure_bind=insecure_bind,
+        teach=teaching(connect, deployment, crowd=crowd),
     )
     try:
         run(config, bus, process.ready, process.stop)

@@ -1,6 +1,8 @@
 """What is said to a teacher whose session is not there: what sessions there are, and the mend."""
 
 import socket
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from protocol.keys import Keys
@@ -27,7 +29,6 @@ def session_hint(session: str, connect: str, deployment: str, access: Path | Non
     learner = deployment.removesuffix(CROWD)
     if not _answers(connect):
         return f"the router {connect} does not answer: waiting for it"
-    create = suggested(f"session create {session}", connect, learner, access)
     try:
         bus = connected_bus(connect, Role.OPERATOR, access, CONNECT_MS)
         try:
@@ -35,10 +36,12 @@ def session_hint(session: str, connect: str, deployment: str, access: Path | Non
         finally:
             bus.close()
     except SecretError:
-        return "waiting for it: who created it sees in `sfid session list` whether it is there"
+        listing = suggested("session list", connect, learner)
+        return f"waiting for it: who created it sees in {listing} whether it is there"
     except (BusError, OperatorError) as error:
         return f"what sessions there are could not be asked: {error}"
-    return hint_of(session, [row.session for row in listed], create, crowd=deployment.endswith(CROWD))
+    at = partial(suggested, connect=connect, deployment=learner, access=access)
+    return hint_of(session, [row.session for row in listed], at, crowd=deployment.endswith(CROWD))
 
 
 def _answers(connect: str) -> bool:
@@ -50,11 +53,15 @@ def _answers(connect: str) -> bool:
     return True
 
 
-def hint_of(session: str, names: list[str], create: str, *, crowd: bool) -> str:
-    """Return the line for a learner that has sessions of these names."""
+def hint_of(session: str, names: list[str], at: Callable[[str], str], *, crowd: bool) -> str:
+    """Return the line for a learner that has sessions of these names.
+
+    Args: at: makes a command's words one that reaches this learner, ready to be pasted.
+    """
     if session in names:
-        whom = "the aggregator, `sfid up --crowd`," if crowd else "the learner"
-        return f"the session is there: see in `sfid status` whether {whom} is well"
+        whom = "the aggregator, which comes with --crowd of `sfid up`," if crowd else "the learner"
+        return f"the session is there: see in {at('status')} whether {whom} is well"
+    create = at(f"session create {session}")
     if not names:
         return f"there is no session at all: {create} creates it"
     more = f" and {len(names) - NAMES_MAX} more" if len(names) > NAMES_MAX else ""

@@ -119,12 +119,12 @@ def _run(
         supervisor.start(launch.router(deployed))
         note_whereabouts(deployed.data, deployed.endpoint, deployed.deployment)
         services = [launch.environment(deployed), *launch.learners(deployed, settings.learner.shards)]
+        with_crowd = settings.aggregator.enabled if crowd is None else crowd
         section = settings.monitor
         if section.enabled:
             ports = (section.scene_port, section.curves_port, section.web_port)
             shown = section.viewer if viewer is None else viewer
-            services.append(launch.monitor(deployed, viewer=shown, ports=ports))
-        with_crowd = settings.aggregator.enabled if crowd is None else crowd
+            services.append(launch.monitor(deployed, viewer=shown, ports=ports, crowd=with_crowd))
         if with_crowd:
             services.append(launch.aggregator(deployed, settings.aggregator))
         if settings.gateway.enabled if gateway is None else gateway:

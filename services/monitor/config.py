@@ -12,6 +12,9 @@ EVERYWHERE = "0.0.0.0"  # noqa: S104 - only by `insecure_bind`, said in so many 
 RERUN_OWN_PORT = 9876
 """A viewer on this machine takes this port for itself, and would write what it reads back into our server."""
 
+TEACH = "`sfid teach keyboard --session {session}`"
+"""How a session at the usual place is taught."""
+
 
 class MonitorError(Exception):
     """The monitor cannot start; the message is one line: what is wrong, where, and the mend."""
@@ -45,6 +48,10 @@ class MonitorConfig:
     insecure_bind: bool = False
     """Serve on every address of this machine or container, although whoever reaches the streams can also
     write into them: for a container whose ports are published on the host's loopback."""
+
+    teach: str = TEACH
+    """How a session of this deployment is taught, with `{session}` where its name goes: it is told to viewers
+    of a session that waits for its teachers."""
 
     sessions_max: int = 16
     """Sessions shown at a time; the one that has been quiet longest gives way, its recording well ended."""

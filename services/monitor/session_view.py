@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from protocol.messages import Crowd, Decision, Episode, SessionReport, Step, World
 from services.gym.rendering import is_board
 from services.monitor.chronicle import Chronicle, wall
+from services.monitor.config import TEACH
 from services.monitor.policy import draw_policy
 from services.monitor.rows import Curves, Document, Moment, Picture, Row, Rows, merged
 from services.monitor.sampling import LIVE_POINT_MS, Pace
@@ -53,9 +54,13 @@ class Due:
 
 
 class SessionView:
-    """Everything the monitor keeps about one session, bounded."""
+    """Everything the monitor keeps about one session, bounded.
 
-    def __init__(self, opened_s: float, *, past: bool = False) -> None:
+    Args: past: what happened before is told first; teach: how the session is taught (`MonitorConfig.teach`).
+    """
+
+    def __init__(self, opened_s: float, *, past: bool = False, teach: str = TEACH) -> None:
+        self._teach = teach
         self.chronicle = Chronicle()
         self.recent: deque[Episode] = deque(maxlen=RECENT_EPISODES)
         """The latest episodes, for the overview."""
@@ -86,8 +91,13 @@ class SessionView:
     @property
     def has_begun(self) -> bool:
         """Whether anything has happened in the session yet: until then it waits for its teachers."""
-        waits = self.decision is None or self.decision.phase == "gathering"
-        return not waits or bool(self.recent) or len(self.chronicle.mirror) > 0
+        if self.decision is not None and (self.decision.phase != "gathering" or self.decision.decision > 0):
+            return True
+        # Its report says so too: a journal whose rows cannot be read tells no step and no episode.
+        reported = self.report is not None and (
+            self.report.summary.decision > 0 or bool(self.report.episodes)
+        )
+        return reported or bool(self.recent) or len(self.chronicle.mirror) > 0
 
     @property
     def is_finished(self) -> bool:
@@ -262,7 +272,7 @@ class SessionView:
 
     def _tell_status(self, rows: Rows, now_s: float) -> None:
         waited_s = now_s - self.decided_s
-        text = open_markdown(self.decision, self.report, self.left_s(now_s), waited_s)
+        text = open_markdown(self.decision, self.report, self.left_s(now_s), waited_s, self._teach)
         if text != self._told:
             self._told = text
             rows.curves.append(Document(NOW, self.chronicle.moment, text))

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from protocol.messages import Decision, Episode, SaidBy, SessionReport, Step
+from services.monitor.config import TEACH
 
 PHASES = {
     "gathering": "waiting for teachers",
@@ -24,20 +25,24 @@ ENDS = {"solved": "solved", "deadlock": "ended in a deadlock", "cap": "gave up",
 
 
 def open_markdown(
-    decision: Decision | None, report: SessionReport | None, left_s: float | None, waited_s: float
+    decision: Decision | None,
+    report: SessionReport | None,
+    left_s: float | None,
+    waited_s: float,
+    teach: str = TEACH,
 ) -> str:
     """Return how the session stands at this moment.
 
     Args: left_s: seconds until the open window closes, None without a deadline; waited_s: seconds since the
-    learner last said anything.
+    learner last said anything; teach: how a session is taught here, as `MonitorConfig.teach`.
     """
     if decision is None:
-        return "\n\n".join(_standing(report))
+        return "\n\n".join(_standing(report, teach))
     phase = f"**{_phase(decision)}**{_count_down(decision, left_s, waited_s)}"
     lines = [_heading(decision, decision.step), phase]
     window = f"window {decision.window.span_ms / 1000:g} s, {WINDOWS[decision.window.mode]}"
     lines += [_present(decision), f"method **{decision.method}** · {window}"]
-    lines += _hint(decision.phase, decision.session)
+    lines += _hint(decision.phase, decision.session, teach)
     return "\n\n".join(lines)
 
 
@@ -105,7 +110,7 @@ def events_between(before: Decision | None, after: Decision) -> list[str]:
     return events
 
 
-def _standing(report: SessionReport | None) -> list[str]:
+def _standing(report: SessionReport | None, teach: str) -> list[str]:
     if report is None:
         return ["### Waiting for the session"]
     summary = report.summary
@@ -113,12 +118,12 @@ def _standing(report: SessionReport | None) -> list[str]:
         f"**{summary.session}** · {summary.episode} of {summary.episodes} episodes",
         f"**{PHASES.get(summary.phase, summary.phase)}** · method **{summary.method}**",
         f"level {summary.level_name} · {_counted(report.labels.applied, 'answer')} applied",
-        *_hint(summary.phase, summary.session),
+        *_hint(summary.phase, summary.session, teach),
     ]
 
 
-def _hint(phase: str, session: str) -> list[str]:
-    return [f"teach it: `sfid teach keyboard --session {session}`"] if phase == "gathering" else []
+def _hint(phase: str, session: str, teach: str) -> list[str]:
+    return [f"teach it: {teach.replace('{session}', session)}"] if phase == "gathering" else []
 
 
 def _heading(decision: Decision, step: int) -> str:

@@ -289,7 +289,7 @@ class Worker:
         self._unshown.pop(session, None)
         now_s = self._now_s()
         recording_id = f"{self._config.deployment}-{session}"
-        view = SessionView(now_s, past=True)
+        view = SessionView(now_s, past=True, teach=self._config.teach)
         past = Past(session, view, lambda query: self._ask_rows(session, query))
         watched = _Watched(view, past, self._recording(session, recording_id), recording_id, now_s)
         self._watched[session] = watched

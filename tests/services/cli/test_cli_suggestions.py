@@ -5,13 +5,15 @@ from pathlib import Path
 
 import pytest
 
+from services.cli import launch
 from services.cli.experiment_session import absent_teachers, replacement_note
 from services.cli.launch import Deployed
-from services.cli.next_command import suggested
+from services.cli.next_command import suggested, teaching
 from services.cli.options import DATA, ENDPOINT
 from services.cli.session_source import condition_named
 from services.cli.up import told
 from services.cli.whereabouts import note_whereabouts
+from services.monitor.config import TEACH
 from tests.services.aggregator.crowd_room import CrowdRoom
 from tests.services.cli.command_line import Done, sfid
 from tests.services.learner.classroom import Classroom, Pupil, session
@@ -44,6 +46,23 @@ def test_a_suggested_command_has_the_flags_that_are_not_at_their_defaults() -> N
     assert suggested("session list", "tcp/0.0.0.0:7001", "lab", Path("my logins"), data=Path("/d")) == (
         "`sfid session list --connect tcp/127.0.0.1:7001 --deployment lab --access 'my logins' --data /d`"
     )
+
+
+def test_viewers_are_told_commands_that_reach_the_session_wherever_it_runs() -> None:
+    keyboard = "sfid teach keyboard --session {session}"
+    assert teaching(ENDPOINT, "local", crowd=False) == f"`{keyboard}`" == TEACH
+    assert teaching("tcp/0.0.0.0:7001", "lab", crowd=False) == (
+        f"`{keyboard} --connect tcp/127.0.0.1:7001 --deployment lab`"
+    )
+    assert teaching(ENDPOINT, "local", crowd=True) == (
+        f"`{keyboard}`, or as one of the crowd: `{keyboard} --deployment local-crowd`"
+    )
+
+
+def test_the_monitor_is_told_of_the_crowd_where_there_is_one() -> None:
+    deployed = Deployed(DATA, ENDPOINT, "local")
+    alone = launch.monitor(deployed, viewer=True, ports=(0, 0, 0)).arguments
+    assert launch.monitor(deployed, viewer=True, ports=(0, 0, 0), crowd=True).arguments == (*alone, "--crowd")
 
 
 def test_up_tells_commands_that_reach_its_own_router() -> None:

@@ -54,4 +54,6 @@ def test_a_teacher_without_an_operators_login_is_told_who_can_look(tmp_path: Pat
     at, town = tls_endpoint(), certified(tmp_path / "town", "router", "teacher")
     with routing(RouterConfig(at, access=town)):
         said = session_hint("maze", at, "local", town)
-    assert said == "waiting for it: who created it sees in `sfid session list` whether it is there"
+    assert said == (
+        f"waiting for it: who created it sees in `sfid session list --connect {at}` whether it is there"
+    )

@@ -49,11 +49,13 @@ class Screen:
         """Nothing to close."""
 
 
-def told(screen: Screen, *messages: Message, rounds_each: int = 8) -> list[str]:
+def told(
+    screen: Screen, *messages: Message, rounds_each: int = 8, config: MonitorConfig | None = None
+) -> list[str]:
     """Say the messages, each in many rounds; return the recordings there were before the end."""
     clock, hub, keys = ManualClock(), MemoryHub(inline=True), Keys()
     bus = MemoryBus(hub)
-    worker = Worker(MonitorConfig(), MemoryBus(hub), cast("Live", screen), clock)
+    worker = Worker(config or MonitorConfig(), MemoryBus(hub), cast("Live", screen), clock)
     worker.subscribe()
     before: list[str] = []
 
@@ -120,6 +122,30 @@ def test_a_session_with_a_past_has_begun_even_while_it_waits() -> None:
         assert view.has_begun
 
 
+def test_a_session_whose_rows_cannot_be_read_has_begun_when_its_report_or_decision_says_so() -> None:
+    fresh = reported("later", "gathering")
+    *_, episode = steps_and_episodes("later")
+    later = msgspec.structs.replace(fresh.summary, decision=3)
+    for report, begun in (
+        (fresh, False),
+        (msgspec.structs.replace(fresh, episodes=(cast("Episode", episode),)), True),
+        (msgspec.structs.replace(fresh, summary=later), True),
+    ):
+        view = SessionView(0.0)
+        view.take(waiting("later"), 0.0)
+        view.take_report(report)
+        view.recent.clear()
+        assert view.has_begun is begun
+    view = SessionView(0.0)
+    view.take(msgspec.structs.replace(waiting("later"), decision=3), 0.0)
+    assert view.has_begun
+
+
+def test_a_session_that_goes_on_after_rows_that_cannot_be_read_is_shown_beside_another() -> None:
+    damaged = msgspec.structs.replace(waiting("later"), decision=3)
+    assert told(Screen(), asking("busy"), damaged) == ["local-busy", "local-later"]
+
+
 def test_a_session_nobody_has_heard_of_has_not_begun() -> None:
     assert not SessionView(0.0).has_begun
 
@@ -154,6 +180,16 @@ def test_a_session_known_by_its_report_alone_says_how_to_teach_it() -> None:
         None, reported("later", "gathering"), None, 0.0
     )
     assert "sfid teach" not in open_markdown(None, reported("over", "finished"), None, 0.0)
+
+
+def test_the_session_of_a_deployment_elsewhere_is_taught_by_a_command_that_reaches_it() -> None:
+    screen = Screen()
+    teach = "`sfid teach keyboard --session {session} --connect tcp/10.0.0.1:7447`"
+    told(screen, waiting("later"), config=MonitorConfig(teach=teach))
+    command = "teach it: `sfid teach keyboard --session later --connect tcp/10.0.0.1:7447`"
+    texts = [row.markdown for row in screen.rows["local-later"] if isinstance(row, Document)]
+    assert command in texts[-1]
+    assert command in open_markdown(None, reported("later", "gathering"), None, 0.0, teach)
 
 
 def test_a_report_that_comes_late_does_not_put_the_first_board_over_the_present_one() -> None:

@@ -1,10 +1,12 @@
 """What a simulated teacher's log says while it waits, and what it says at the end."""
 
 import threading
+from functools import partial
 
 import pytest
 
 from protocol.messages import Refusal
+from services.cli.next_command import suggested
 from services.cli.session_hint import hint_of
 from services.client import AnswerState, AnswerUpdate, Connection, Refused
 from services.runtime.clock import ManualClock
@@ -91,16 +93,19 @@ def test_a_crowd_told_to_stop_before_its_session_came_says_so(caplog: pytest.Log
 
 
 def test_the_hint_names_what_there_is_and_the_mend() -> None:
-    create = "`sfid session create s1`"
     many = [f"t{number}" for number in range(12)]
-    assert hint_of("s1", [], create, crowd=False) == f"there is no session at all: {create} creates it"
-    assert hint_of("s1", ["a", "b"], create, crowd=True) == (
+    create = "`sfid session create s1 --connect tcp/127.0.0.1:7001 --deployment lab`"
+    at = partial(suggested, connect="tcp/127.0.0.1:7001", deployment="lab")
+    assert hint_of("s1", [], at, crowd=False) == f"there is no session at all: {create} creates it"
+    assert hint_of("s1", ["a", "b"], at, crowd=True) == (
         f"there are a, b: name one of them with --session, or {create} creates this one"
     )
-    assert hint_of("s1", many, create, crowd=False).startswith(
-        f"there are {', '.join(many[2:])} and 2 more: "
+    assert hint_of("s1", many, at, crowd=False).startswith(f"there are {', '.join(many[2:])} and 2 more: ")
+    flags = "--connect tcp/127.0.0.1:7001 --deployment lab"
+    assert hint_of("s1", ["s1"], at, crowd=True) == (
+        f"the session is there: see in `sfid status {flags}` whether the aggregator, "
+        "which comes with --crowd of `sfid up`, is well"
     )
-    assert hint_of("s1", ["s1"], create, crowd=True) == (
-        "the session is there: see in `sfid status` whether the aggregator, `sfid up --crowd`, is well"
+    assert hint_of("s1", ["s1"], suggested, crowd=False) == (
+        "the session is there: see in `sfid status` whether the learner is well"
     )
-    assert "whether the learner is well" in hint_of("s1", ["s1"], create, crowd=False)
