@@ -5,6 +5,7 @@ begins with its creation and a copy of its origin's rows before the episode, the
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import msgspec
@@ -67,6 +68,6 @@ def branch_records(records: Iterable[Record], name: str) -> Iterator[Record]:
         for at_ns, event in events_of(record, numbers):
             if isinstance(event, StepTaken) and event.action < 0:
                 _, elapsed_at_ns = read_step_body(record.body)
-                told = record._replace(body=step_body(event._replace(action=session.action), elapsed_at_ns))
+                told = record._replace(body=step_body(replace(event, action=session.action), elapsed_at_ns))
             advance(session, at_ns, event)
         yield told

@@ -6,7 +6,7 @@ never happened), others' answers stay, and the table is what they alone would ha
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from protocol.branching import origin_body, read_origin
 from protocol.codec import decode, encode
@@ -29,7 +29,6 @@ from sfid_core.session.events import (
     Event,
     Paused,
     Resumed,
-    StepTaken,
     Stopped,
     TeacherJoined,
     TeacherLeft,
@@ -167,7 +166,7 @@ class _Forgetting:
         if same and undone in {-1, taken.undone}:
             advance(self.now, record.at_ns, taken)
             return record.body
-        followed: StepTaken = taken._replace(action=taken.action if same else action, undone=undone)
+        followed = replace(taken, action=taken.action if same else action, undone=undone)
         advance(self.now, record.at_ns, followed)
         self.found.followed += not same
         return step_body(followed, elapsed_at_ns)

@@ -1,31 +1,26 @@
-"""Everything that can happen to a session. Frozen, journaled before they take effect.
-
-The two that come with every step are named tuples, which are made three times faster than frozen dataclasses.
-"""
-
-from dataclasses import dataclass
-from typing import NamedTuple
+"""Everything that can happen to a session: records, journaled before they take effect."""
 
 from sfid_core.outcome import Outcome
+from sfid_core.record import record
 from sfid_core.session.config import Window
 from sfid_core.teaching.answers import Answer
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class TeacherJoined:
     """A teacher is present."""
 
     teacher: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class TeacherLeft:
     """A teacher is gone; what they have answered stays."""
 
     teacher: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class EpisodeBegan:
     """The environment stands at the start of an episode."""
 
@@ -37,7 +32,8 @@ class EpisodeBegan:
     """Fewest steps from here; None where no exact solver reaches."""
 
 
-class AnswerGiven(NamedTuple):
+@record
+class AnswerGiven:
     """A teacher's answer arrived, for the first time under this id."""
 
     teacher: str
@@ -48,12 +44,13 @@ class AnswerGiven(NamedTuple):
     answer: Answer
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class WindowElapsed:
     """The deadline that the session asked for has passed."""
 
 
-class StepTaken(NamedTuple):
+@record
+class StepTaken:
     """The environment executed the action of a decision."""
 
     decision: int
@@ -70,7 +67,7 @@ class StepTaken(NamedTuple):
     """Whether it was taken back then (1) or not (0), where answers were erased; -1: the session decides."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class WindowChanged:
     """The window is another from now on; an open window is measured anew from its opening."""
 
@@ -78,28 +75,28 @@ class WindowChanged:
     window: Window
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Paused:
     """Hold the count-down and the next decision."""
 
     by: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Resumed:
     """Go on from a pause."""
 
     by: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Stopped:
     """End the session here; what was learnt is kept."""
 
     by: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Restarted:
     """A learner process took the session up, at its creation too; windows open anew: a clock dies with it."""
 

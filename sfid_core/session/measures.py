@@ -1,14 +1,15 @@
 """The founding paper's measures, per step, per episode and per session."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from sfid_core.learning.kernels import Learned
 from sfid_core.outcome import Outcome
+from sfid_core.record import record
 from sfid_core.teaching.answers import Answer
 
 
-class StepMeasures(NamedTuple):
+@record
+class StepMeasures:
     """One learnt step, whole: what was seen, said, done and learnt."""
 
     decision: int
@@ -28,7 +29,7 @@ class StepMeasures(NamedTuple):
     """The row Q(s, .) after the update."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class EpisodeMeasures:
     """One episode on the paper's four measures (Figure 2), and what helps to read them."""
 

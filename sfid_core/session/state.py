@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import NamedTuple
 
 from sfid_core.learning.kernels import Evidence
 from sfid_core.learning.learner import Learner, learner_draws
 from sfid_core.learning.methods import method_named
+from sfid_core.record import record
 from sfid_core.session.config import SessionConfig, Window
 from sfid_core.session.deadlines import Deadlines
 from sfid_core.session.episodes import EpisodeLog
@@ -31,7 +31,8 @@ class Phase(Enum):
     FINISHED = "finished"
 
 
-class Given(NamedTuple):
+@record
+class Given:
     """An answer that waits in the open window."""
 
     answer_id: bytes

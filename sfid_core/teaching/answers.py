@@ -1,7 +1,8 @@
 """What a teacher can say about a decision."""
 
 from enum import Enum
-from typing import NamedTuple
+
+from sfid_core.record import record
 
 
 class AnswerKind(Enum):
@@ -23,7 +24,8 @@ class AnswerKind(Enum):
     __hash__ = object.__hash__  # a member is itself alone; an enum's own hash is the name's, in Python
 
 
-class Answer(NamedTuple):
+@record
+class Answer:
     """One teacher's answer to one decision.
 
     `action` is an index into the session's actions (labels, mistake marks), `reward` lies in [-1, 1],
