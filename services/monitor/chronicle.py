@@ -9,12 +9,13 @@ from collections.abc import Callable
 
 from protocol.messages import Crowd, Decision, Episode, Step
 from services.gym.rendering import is_board
-from services.monitor import doubt_pictures, sampling
+from services.monitor import sampling
 from services.monitor.curves import Agreement, EpisodeCurves, EpisodeSequence, EventLog, Lanes
+from services.monitor.doubt_pictures import DoubtRows
 from services.monitor.doubts import Doubts
 from services.monitor.policy import ValueMirror, draw_policy
 from services.monitor.reliability import Reliability
-from services.monitor.rows import Document, Moment, Rows
+from services.monitor.rows import Document, Moment, Picture, Rows
 from services.monitor.sampling import Pace
 from services.monitor.scene import (
     TeacherColours,
@@ -59,6 +60,7 @@ class Chronicle:
         self._lanes = Lanes()
         self._reliability = Reliability(self.colours)
         self._doubts = Doubts()
+        self._doubt_rows = DoubtRows()
         self._events = EventLog()
         self._picture, self._spoken = Pace(sampling.PICTURE_MS), Pace(sampling.SPOKEN_PICTURE_MS)
         self._policy, self._doubt = Pace(sampling.POLICY_MS), Pace(sampling.DOUBTS_MS)
@@ -166,9 +168,11 @@ class Chronicle:
             self._rows.scene.append(draw_policy(read_view(step.view), self.mirror, moment))
         if self._doubts_changed and (self._doubt.due(step.at_ns) or (ended and self._is_last(step.episode))):
             self._doubts_changed = False
-            pictures, texts = doubt_pictures.drawn(self._doubts, step.view, moment)
-            self._rows.scene.extend(pictures)
-            self._rows.curves.extend(texts)
+            for row in self._doubt_rows.changed(self._doubts, step.view, moment, step.at_ns):
+                if isinstance(row, Picture):
+                    self._rows.scene.append(row)
+                else:
+                    self._rows.curves.append(row)
 
     def _is_last(self, episode: int) -> bool:
         return self.decision is not None and episode + 1 >= self.decision.episodes

@@ -6,6 +6,7 @@ from services import tiles
 from services.monitor import font
 from services.monitor.doubts import Doubtful, Doubts
 from services.monitor.rows import Arrow, Document, Indexed, Moment, Picture
+from services.monitor.sampling import Pace
 from services.monitor.scene import ViewError, read_view
 from services.monitor.status import SIGNS
 from sfid_core.sokoban.actions import Action
@@ -19,6 +20,9 @@ GAP = tiles.TILE
 CAPTION = 2 * font.HEIGHT + 6
 """Pixels below a board that say its number, and how often which move was named."""
 ARROW_COLOUR = (255, 200, 60)
+AGAIN_MS = 30_000
+"""Pictures that stay the same are written again: the viewers' server forgets them after a minute or two, and
+somebody who comes later is to see them."""
 _PALETTE = np.concatenate([tiles.palette(), np.array([ARROW_COLOUR], np.uint8)])
 _WRITTEN = len(_PALETTE) - 1
 
@@ -101,12 +105,43 @@ def _named(state: Doubtful) -> str:
     )
 
 
-def drawn(doubts: Doubts, view: str, moment: Moment) -> tuple[list[Picture], list[Document]]:
-    """Return pictures and words about what is doubtful now; nothing where a view cannot be drawn."""
+class DoubtRows:
+    """What is doubtful, in pictures and words: those that differ from what was handed out before."""
+
+    __slots__ = ("_again", "_last")
+
+    def __init__(self) -> None:
+        self._last: dict[str, Picture | Document] = {}
+        self._again = Pace(AGAIN_MS)
+
+    def changed(self, doubts: Doubts, view: str, moment: Moment, at_ns: int) -> list[Picture | Document]:
+        """Return what has changed since the last call; nothing where a view cannot be drawn.
+
+        Args: at_ns: the session's own time; every AGAIN_MS of it all is returned.
+        """
+        try:
+            rows = _drawn(doubts, view, moment)
+        except ViewError:
+            return []
+        if self._again.due(at_ns):
+            self._last.clear()
+        new = [row for row in rows if not _same(row, self._last.get(row.entity))]
+        self._last.update({row.entity: row for row in new})
+        return new
+
+
+def _drawn(doubts: Doubts, view: str, moment: Moment) -> list[Picture | Document]:
     states = doubts.worst()
-    try:
-        gallery = draw_doubtful(states, moment)
-        pictures = [draw_conflicts(read_view(view), doubts, moment)]
-    except ViewError:
-        return [], []
-    return pictures + ([] if gallery is None else [gallery]), [tell_doubtful(states, moment)]
+    gallery = draw_doubtful(states, moment)
+    rows: list[Picture | Document] = [draw_conflicts(read_view(view), doubts, moment)]
+    return [*rows, *([] if gallery is None else [gallery]), tell_doubtful(states, moment)]
+
+
+def _same(row: Picture | Document, before: Picture | Document | None) -> bool:
+    match row, before:
+        case Document(markdown=text), Document():
+            return text == before.markdown
+        case Picture(image=Indexed(indexes)), Picture(image=Indexed(old)):
+            return row.arrows == before.arrows and np.array_equal(indexes, old)
+        case _:
+            return False
