@@ -5,8 +5,9 @@ An episode is what its seed and its actions make of a fresh reset, chance includ
 
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from difflib import get_close_matches
 from functools import cached_property
 from typing import Any
 
@@ -26,6 +27,7 @@ STEPS_MAX = 200
 """Cap of an episode where the environment has none."""
 RESERVED = frozenset({"id", "render_mode", "max_episode_steps", "disable_env_checker", "vectorization_mode"})
 _SEED_MASK = 2**31 - 1
+_VERSION = re.compile(r"-v\d+$")
 _IMPORTS = re.compile(r"[^A-Za-z0-9_./-]")
 
 
@@ -47,11 +49,38 @@ def make(environment: str, options: dict[str, Any], render: str) -> Any:  # noqa
     with faults(environment), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         register_installed()
-        mode = _render_mode(gymnasium.spec(environment), render)
+        mode = _render_mode(_registered(environment), render)
         with _naming(options):
             return gymnasium.make(
                 environment, max_episode_steps=-1, disable_env_checker=True, render_mode=mode, **options
             )
+
+
+def _registered(environment: str) -> Any:  # noqa: ANN401 - Gymnasium is an extra
+    """Return what is registered under a name. Raises: GymError that tells names like it."""
+    from gymnasium import error, registry, spec  # noqa: PLC0415 - as above
+
+    try:
+        return spec(environment)
+    except error.DeprecatedEnv:  # says which one is to be taken
+        raise
+    except error.Error:
+        near = " or ".join(near_names(environment, registry.values()))
+        mend = f"did you mean {near}?" if near else "install the package it comes with, or mend its name"
+        raise GymError(f"no environment has this name: {mend}") from None
+
+
+def near_names(name: str, specs: Iterable[Any]) -> list[str]:
+    """Return up to three registered names like this one, the nearest first, each in its newest version."""
+    newest: dict[tuple[str, str], Any] = {}
+    for one in specs:
+        key = one.namespace or "", one.name
+        if key not in newest or (one.version or 0) > (newest[key].version or 0):
+            newest[key] = one
+    # By name alone: that two end in -v1 makes nothing alike.
+    by_name = {one.name.lower(): one.id for one in newest.values()}
+    bare = _VERSION.sub("", name.rpartition("/")[2]).lower()
+    return [by_name[near] for near in get_close_matches(bare, by_name)]
 
 
 @contextmanager
@@ -239,7 +268,7 @@ def view_of(environment: Any, observation: Any) -> str:  # noqa: ANN401 - any en
     """Return what teachers see of an environment that was reset. Raises: GymError when it does not fit."""
     mode = environment.render_mode
     if mode:
-        drawn = environment.render()
+        drawn = _rendered(environment, mode)
         view = as_text(drawn) if mode == "ansi" else as_picture(drawn)
     else:
         grid = getattr(environment.unwrapped, "pprint_grid", None)  # MiniGrid's map
@@ -247,6 +276,16 @@ def view_of(environment: Any, observation: Any) -> str:  # noqa: ANN401 - any en
     if len(view) > VIEW_MAX:
         raise GymError(f"a view takes {len(view)} characters, {VIEW_MAX} fit: render it another way")
     return view
+
+
+def _rendered(environment: Any, mode: str) -> Any:  # noqa: ANN401 - any environment
+    from gymnasium.error import DependencyNotInstalled  # noqa: PLC0415 - an extra, and slow to import
+
+    try:
+        return environment.render()
+    except DependencyNotInstalled as error:
+        mend = "" if mode == "ansi" else ", or leave --gym-render picture out"
+        raise GymError(f"it cannot be drawn: {str(error).replace(chr(34), chr(39))}{mend}") from None
 
 
 def _table(environment: Any) -> Any:  # noqa: ANN401 - any environment

@@ -99,9 +99,13 @@ class Addresses:
 
 
 def viewer_command(python: Path, here: Path) -> str:
-    """Return the viewer as a shell in `here` finds it: by name, or beside a Python that is not activated."""
+    """Return this Python's viewer as a shell in `here` finds it: by name where PATH leads to that very one.
+
+    Another one in PATH may be of another version, which does not read what we send.
+    """
     beside = python.with_name("rerun")
-    if shutil.which("rerun") is not None or not beside.is_file():
+    in_path = shutil.which("rerun")
+    if not beside.is_file() or (in_path is not None and beside.samefile(in_path)):
         return "rerun"
     # A name without a slash would be looked for in PATH alone.
     near = beside.is_relative_to(here) and beside.parent != here

@@ -1,6 +1,6 @@
 """What teachers and watchers see of worlds that are no Sokoban: text, pictures, keys for their actions."""
 
-from base64 import b64decode
+from base64 import b64decode, b64encode
 from pathlib import Path
 
 import msgspec
@@ -50,8 +50,10 @@ def test_the_monitor_draws_text_and_hands_pictures_on_as_they_came() -> None:
     assert indexes_of(large).nbytes < 1_000_000, "viewers are sent raw pixels"
     view = as_picture(np.full((40, 40, 3), 90, np.uint8))
     assert draw_world(Frame(Moment(0), view), TeacherColours()).image == b64decode(view.partition(",")[2])
-    with pytest.raises(ViewError, match="begins like a picture and holds none"):
-        draw_world(Frame(Moment(0), "data:image/png;base64,!!"), TeacherColours())
+    jpeg, empty = b64encode(b"\xff\xd8\xff\xe0 a photograph").decode(), ""
+    for held in ("!!", jpeg, empty, view.partition(",")[2][4:]):
+        with pytest.raises(ViewError, match="begins like a picture and holds none"):
+            draw_world(Frame(Moment(0), f"data:image/png;base64,{held}"), TeacherColours())
 
 
 def test_the_chronicle_keeps_such_a_world_without_policy_and_conflicts_and_without_a_warning() -> None:

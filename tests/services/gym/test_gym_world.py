@@ -1,16 +1,21 @@
 """A Gymnasium environment behind the environment service: begun, walked, taken back, restored, refused."""
 
+import re
 from collections.abc import Iterator
+from importlib.util import find_spec
 from typing import Any
 
 import gymnasium
 import numpy as np
 import numpy.typing as npt
 import pytest
+from gymnasium.error import DependencyNotInstalled
 
 from protocol.messages import GymWorld
 from protocol.translate import action_names
 from protocol.world_messages import UNDO
+from services.cli.failure import CommandError
+from services.cli.gym_options import gym_world
 from services.environment import Environment
 from services.gym.errors import GymError
 from services.gym.world import GymGround, described
@@ -234,6 +239,58 @@ def test_an_environment_that_cannot_be_taught_is_told_before_a_session_is_made(
 ) -> None:
     with pytest.raises(GymError, match=reason):
         described(environment, options)
+
+
+@pytest.mark.parametrize(
+    "name, mend",
+    [
+        ("FrozenLke-v1", "did you mean FrozenLake-v1 or FrozenLake8x8-v1?"),
+        ("frozenlake", "did you mean FrozenLake-v1 or FrozenLake8x8-v1?"),
+        ("FrozenLake8x8-v9", "did you mean FrozenLake8x8-v1 or FrozenLake-v1?"),
+        ("Taxi", "did you mean Taxi-v4?"),
+        ("sokoban", "did you mean sfid/Sokoban-v0?"),
+        ("Qqq-v0", "install the package it comes with, or mend its name"),
+    ],
+)
+def test_a_name_that_is_mistyped_is_told_with_those_that_are_like_it(name: str, mend: str) -> None:
+    with pytest.raises(GymError) as failure:
+        described(name, {})
+    assert str(failure.value) == f"environment {name}: no environment has this name: {mend}"
+
+
+class Undrawable(Counter):
+    """Needs a package for its picture, as FrozenLake does where pygame is missing."""
+
+    metadata: dict[str, Any] = {"render_modes": ["ansi", "rgb_array"]}  # noqa: RUF012 - as Gymnasium wants it
+
+    def render(self) -> Any:  # noqa: ANN401 - as Gymnasium wants it
+        raise DependencyNotInstalled('paint is not installed, run `pip install "gymnasium[toy-text]"`')
+
+
+@pytest.mark.parametrize("render, mend", [("picture", ", or leave --gym-render picture out"), ("text", "")])
+def test_a_picture_that_needs_a_missing_package_is_refused_with_how_to_install_it(
+    render: str, mend: str
+) -> None:
+    gymnasium.register("Undrawable-v0", entry_point=Undrawable)  # type: ignore[arg-type]
+    try:
+        with pytest.raises(GymError) as failure:
+            described("Undrawable-v0", {}, render=render)
+    finally:
+        del gymnasium.registry["Undrawable-v0"]
+    assert str(failure.value) == (
+        "environment Undrawable-v0: it cannot be drawn: paint is not installed, "
+        f"run `pip install 'gymnasium[toy-text]'`{mend}"
+    )
+
+
+@pytest.mark.skipif(find_spec("pygame") is not None, reason="pygame is installed here")
+@pytest.mark.parametrize("name", ["FrozenLake-v1", "Taxi-v4"])
+def test_the_picture_of_a_toy_world_without_pygame_is_refused_before_its_session_is_made(name: str) -> None:
+    with pytest.raises(CommandError) as failure:
+        gym_world(name, None, None, "picture")
+    said = r"cannot be drawn: pygame is not installed, run `pip install 'gymnasium\[toy-text\]'`, or leave "
+    assert re.search(said, str(failure.value))
+    assert failure.value.exit_code == 2
 
 
 class Map(Counter):

@@ -11,7 +11,7 @@ from protocol.messages import Decision
 from services.monitor.config import MonitorConfig
 from services.monitor.live import Live
 from services.monitor.rows import Document, Rows
-from services.monitor.status import NOW, open_markdown
+from services.monitor.status import NOW, PHASES, open_markdown
 from services.monitor.worker import Worker
 from services.runtime.clock import ManualClock
 from services.runtime.memory_bus import MemoryBus, MemoryHub
@@ -87,3 +87,11 @@ def test_what_was_held_back_of_a_session_is_shown_once_it_begins() -> None:
 def test_a_session_that_waits_says_how_to_teach_it() -> None:
     assert "`sfid teach keyboard --session later`" in open_markdown(waiting("later"), None, None, 0.0)
     assert "sfid teach" not in open_markdown(asking("busy"), None, 1.0, 0.0)
+
+
+def test_how_to_teach_it_is_said_of_sessions_that_wait_whether_they_have_a_view_or_not() -> None:
+    board = asking("busy").view
+    assert board
+    for phase, view in ((phase, view) for phase in PHASES for view in ("", board)):
+        decision = msgspec.structs.replace(asking("s"), phase=phase, view=view)
+        assert ("sfid teach" in open_markdown(decision, None, 1.0, 0.0)) == (phase == "gathering")

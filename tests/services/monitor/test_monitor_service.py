@@ -392,6 +392,28 @@ def test_the_command_for_the_viewer_can_be_run_as_it_is_printed(
     assert viewer_command(python, tmp_path) == "rerun"
 
 
+def test_another_viewer_in_the_path_is_not_taken_for_the_one_of_this_environment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    python, another = tmp_path / "env" / "bin" / "python", tmp_path / "system" / "rerun"
+    for folder in (python.parent, another.parent):
+        folder.mkdir(parents=True)
+    another.touch(0o755)
+    monkeypatch.setenv("PATH", str(another.parent))
+    assert viewer_command(python, tmp_path) == "rerun", "better than none"
+    python.with_name("rerun").mkdir()
+    assert viewer_command(python, tmp_path) == "rerun", "a folder of this name is no program"
+    python.with_name("rerun").rmdir()
+    python.with_name("rerun").touch(0o755)
+    assert viewer_command(python, tmp_path) == "env/bin/rerun"
+    monkeypatch.setenv("PATH", f"{python.parent}:{another.parent}")
+    assert viewer_command(python, tmp_path) == "rerun"
+    another.unlink()
+    another.symlink_to(python.with_name("rerun"))
+    monkeypatch.setenv("PATH", str(another.parent))
+    assert viewer_command(python, tmp_path) == "rerun", "a link to it is the same viewer"
+
+
 def _with(message: Message, **changes: object) -> Message:
     fields: dict[str, Any] = {name: getattr(message, name) for name in message.__struct_fields__}
     return type(message)(**{**fields, **changes})
