@@ -9,6 +9,7 @@ import pytest
 from protocol.codec import decode, encode
 from protocol.keys import Keys
 from protocol.messages import Refusal, Wire, World
+from protocol.status_message import ServiceStatus
 from protocol.world_messages import Begin, Begun, ExecuteAction, Executed
 from services.environment import EPISODES_MAX, WORLDS_MAX, Environment, EnvironmentConfig, run
 from services.runtime.bus import Presence, Reply
@@ -178,6 +179,8 @@ def test_the_service_answers_on_the_bus_announces_itself_and_ends_when_told() ->
     good = replies.get(timeout=10)
     other.ask(keys.environment("execute"), b"nonsense", replies.put, 10_000)
     bad = replies.get(timeout=10)
+    other.ask(keys.status("environment", "environment"), b"", replies.put, 10_000)
+    told = replies.get(timeout=10)
     stop.set()
     service.join(10)
     assert not service.is_alive()
@@ -185,4 +188,7 @@ def test_the_service_answers_on_the_bus_announces_itself_and_ends_when_told() ->
     assert bad is not None
     assert (decode(good.payload, Begun), good.ok) == (begin(Environment()), True)
     assert (decode(bad.payload, Refusal).code, bad.ok) == ("malformed", False)
+    assert told is not None
+    status = decode(told.payload, ServiceStatus)
+    assert (status.sessions, status.running, status.refused) == (1, 1, {"malformed": 1})
     assert seen == [Presence(keys.service("environment", "environment"), present=True)]

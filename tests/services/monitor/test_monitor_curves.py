@@ -158,6 +158,27 @@ def test_the_policy_shows_the_best_action_and_the_value_where_it_is_known() -> N
     assert cell_of(indexes, 1, 2)[8, 8] == tiles.VALUES + tiles.VALUE_COLOURS - 1
 
 
+def test_the_policy_dims_all_but_boxes_and_what_is_known() -> None:
+    board = read_view("######\n#@ $.#\n######")
+    mirror = ValueMirror()
+    mirror.learn(board.state_key(), (0.0, 2.0, 0.0, 0.0))
+    elsewhere = board.with_state(board.player, (board.player + 1,))
+    mirror.learn(elsewhere.with_state(board.player + 3, elsewhere.boxes).state_key(), (9.0, 0.0, 0.0, 0.0))
+    indexes = indexes_of(draw_policy(board, mirror, Moment(1)))
+    bright = tiles.background(board.level)
+    known, box, inner = (1, 1), (1, 3), slice(1, -1)
+    for row in range(board.level.height):
+        for column in range(board.level.width):
+            cell, as_it_is = cell_of(indexes, row, column), cell_of(bright, row, column)
+            if (row, column) == known:
+                assert (cell[inner, inner] == tiles.VALUES).all()
+            elif (row, column) == box:
+                sprite, covers = tiles.BOX
+                assert np.array_equal(cell[covers], sprite[covers])
+            else:
+                assert np.array_equal(cell, as_it_is + tiles.DIMMED), (row, column)
+
+
 def test_the_table_of_episodes_tells_the_latest_first_and_ends_with_the_last() -> None:
     chronicle, lesson = Chronicle(), list(Lesson(room=SOLUTION_ROOM, episodes=50).messages())
     for message in lesson:
