@@ -9,6 +9,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from hashlib import sha256
@@ -125,15 +126,24 @@ def judge(seed: int, decisions: int = 0, *, trace: bool = False, held_to: Calm |
     Args: decisions: about so many at least, with three teachers; 0 is a short lesson. held_to: its lesson
     without faults, if that is known.
     """
-    logging.getLogger("sfid").setLevel(logging.CRITICAL + 1)
-    # A session's objects die with it; looking for garbage among them meanwhile costs a tenth of the time.
-    gc.disable()
-    try:
+    with _at_work():
         held_to = held_to or calm(lesson_of(seed), decisions)
         drawn = replace(scenario(seed, decisions), lesson=held_to.lesson)
         return _judged_scenario(drawn, held_to, decisions, trace=trace)
+
+
+@contextmanager
+def _at_work() -> Iterator[None]:
+    """Have services log nothing, and no garbage looked for: a session's objects die with it."""
+    log = logging.getLogger("sfid")
+    level = log.level
+    log.setLevel(logging.CRITICAL + 1)
+    gc.disable()
+    try:
+        yield
     finally:
         gc.enable()
+        log.setLevel(level)
 
 
 def _judged_scenario(drawn: Scenario, held_to: Calm, decisions: int, *, trace: bool) -> Judged:
@@ -185,8 +195,8 @@ def _judged(seeds: range, jobs: int, decisions: int) -> Iterator[Judged]:
 
 
 def _calm(decisions: int, number: int) -> Calm:
-    logging.getLogger("sfid").setLevel(logging.CRITICAL + 1)
-    return calm(number, decisions)
+    with _at_work():
+        return calm(number, decisions)
 
 
 def _judge(decisions: int, task: tuple[int, Calm]) -> Judged:

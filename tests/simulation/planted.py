@@ -129,9 +129,8 @@ BUGS = (
         "an answer to an earlier decision is applied to the open one",
         "R5",
         MACHINE,
-        "    if session.phase is not Phase.ASKING or event.decision != session.decision:\n"
-        "        return False\n",
-        "    if session.phase is not Phase.ASKING:\n        return False\n",
+        "    if session.phase is not ASKING or event.decision != session.decision:\n        return False\n",
+        "    if session.phase is not ASKING:\n        return False\n",
     ),
     Bug(
         "an overtaken answer still counts as pending",

@@ -1,6 +1,8 @@
 """`sfid simulate` and what it stands on: a seed is one run to the byte, and faults do happen in it."""
 
+import gc
 import json
+import logging
 import os
 import subprocess
 import sys
@@ -44,6 +46,15 @@ def test_the_same_seed_is_the_same_run_to_the_byte_and_another_seed_another() ->
     assert first == again
     assert first.seen == again.seen
     assert first.trace_sha256 != other.trace_sha256
+
+
+def test_a_run_leaves_the_log_of_its_process_and_the_search_for_garbage_as_they_were(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    judge(SEED)
+    with caplog.at_level(logging.INFO):
+        logging.getLogger("sfid.learner").info("heard again")
+    assert (caplog.messages, gc.isenabled()) == (["heard again"], True)
 
 
 def test_a_run_without_faults_meets_none(tmp_path: Path) -> None:
