@@ -17,6 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from protocol.codec import decode
 from protocol.keys import Keys
 from protocol.messages import CreateSession, Episode, GymWorld, SessionReport, Step, WindowSpec
+from protocol.session_union import untold
 from services.cli import launch
 from services.cli.failure import NOT_SO, CommandError
 from services.cli.gym_options import (
@@ -172,7 +173,7 @@ def _teach(
     keys = Keys(plan.deployed.deployment)
     operator = Operator(bus, keys, patience_s=30.0, pause=stop.pause)
     try:
-        config = _named_afresh(operator, plan.config)
+        config = named_afresh(operator, plan.config)
         news: queue.SimpleQueue[bytes] = queue.SimpleQueue()
 
         def receive(message: Received) -> None:
@@ -192,11 +193,20 @@ def _teach(
         raise CommandError(str(error), NOT_SO) from None
 
 
-def _named_afresh(operator: Operator, config: CreateSession) -> CreateSession:
-    """Return the configuration under a name that the data directory does not have yet."""
+def named_afresh(operator: Operator, config: CreateSession) -> CreateSession:
+    """Return the configuration under a name that the data directory does not have yet.
+
+    Raises: CommandError where the list of what it has is not whole, so that no name is known to be free.
+    """
     import msgspec
 
-    taken = {row.session for row in operator.sessions().sessions}
+    whole = operator.sessions()
+    if untold(whole):
+        raise CommandError(
+            f"{config.session}: what sessions there are was not told to the end, so no free name is known: "
+            "run the demo again, or with another --data directory", NOT_SO,
+        )  # fmt: skip
+    taken = {row.session for row in whole.sessions}
     number = 1
     name = config.session
     while name in taken:

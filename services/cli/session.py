@@ -202,18 +202,27 @@ def create(  # noqa: PLR0917 - one argument a flag
     least = min(1, len(METHODS[config.method].asks)) if teachers_min is None else teachers_min
     created = session_config(name, "", config.method, lasting, "", seed, window, least, given, world)
     with operator(connect, deployment, access=access) as asked:
-        before = {row.session for row in asked.sessions().sessions}
+        before = asked.sessions()
         asked.create(created)
     next_ = partial(suggested, connect=connect, deployment=deployment, access=access)
-    print(_created_line(name, config.method, next_, again=name in before))
+    known = any(row.session == name for row in before.sessions)
+    unsure = None if known else lacking(before, next_("status"))
+    if unsure is not None:
+        print(unsure, file=sys.stderr)
+    print(_created_line(name, config.method, next_, _how_it_came(known, whole=unsure is None)))
     if condition is not None and METHODS[config.method].asks:
         as_there = experiment_words(condition.config, config)
         for command in scripted_commands(condition.teachers, name):
             print(f"{as_there}: {next_(command)}")
 
 
-def _created_line(name: str, method: str, next_: Callable[[str], str], *, again: bool) -> str:
-    said = "was there already, just so" if again else "created"
+def _how_it_came(known: bool, *, whole: bool) -> str:
+    if known:
+        return "was there already, just so"
+    return "created" if whole else "created, or was there already, just so"
+
+
+def _created_line(name: str, method: str, next_: Callable[[str], str], said: str) -> str:
     if METHODS[method].asks:
         return f"session {name} {said}: {next_(f'teach keyboard --session {name}')} teaches it"
     watch = next_(f"session show {name}")
@@ -231,7 +240,7 @@ def list_sessions(
 ) -> None:
     """List the sessions of all learners by name, and count them.
 
-    Shards whose learner does not answer are named on stderr, since their sessions are lacking.
+    Shards whose learner does not answer to the end are named on stderr, since sessions of theirs are lacking.
     """
     with operator(connect, deployment, access=access) as asked:
         whole = asked.sessions()

@@ -54,7 +54,9 @@ def counted(rows: Sequence[SessionSummary], total: int) -> str:
 
 
 def lacking(whole: SessionList, status: str) -> str | None:
-    """Return the line about the shards whose sessions are not listed, None where there are none.
+    """Return the line about the shards that may have more sessions than were told, None where there are none.
+
+    Such a shard has answered nothing, or not to its last page.
 
     Args: status: the command that shows how the learners do.
     """
@@ -64,7 +66,7 @@ def lacking(whole: SessionList, status: str) -> str | None:
     named = ", ".join(f"shard-{shard}" for shard in absent[:SHARDS_NAMED])
     more = f" and {len(absent) - SHARDS_NAMED} more" if len(absent) > SHARDS_NAMED else ""
     return (
-        f"no learner answers for {named}{more} of {whole.shards} shards: "
-        f"{'its' if len(absent) == 1 else 'their'} sessions are not listed; {status} tells how each does: "
+        f"the list is not whole: {named}{more} of {whole.shards} shard{'s' if whole.shards != 1 else ''} "
+        f"did not answer to the end; {status} tells how each does: "
         "start the absent learner, or end the one that hangs"
     )

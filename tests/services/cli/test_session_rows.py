@@ -1,4 +1,4 @@
-"""`sfid session list`: by name, as many as were asked for, with a count below."""
+"""`sfid session list`: by name, as many as were asked for, with a count below; who else needs it whole."""
 
 import json
 
@@ -7,13 +7,17 @@ import pytest
 
 from protocol.codec import encode
 from protocol.keys import Keys
-from protocol.messages import GymWorld, SessionList, SessionSummary, WindowSpec
+from protocol.messages import Done, GymWorld, SessionList, SessionSummary, WindowSpec
+from services.cli.demo import named_afresh
+from services.cli.failure import CommandError
 from services.cli.session import session_config
 from services.cli.session_rows import State, counted, lacking, listed, state_of
+from services.operator import Operator
 from services.router import RouterConfig, free_endpoint
+from services.runtime.memory_bus import MemoryBus, MemoryHub
 from services.runtime.zenoh_bus import open_bus
 from sfid_core.session.state import Phase
-from tests.protocol.samples import SUMMARY
+from tests.protocol.samples import CREATE, SUMMARY
 from tests.services.cli.command_line import sfid
 from tests.services.linked import routing
 
@@ -55,12 +59,13 @@ def test_every_state_a_session_can_have_can_be_asked_for() -> None:
     [
         (1, (0,), None),
         (3, (0, 1, 2), None),
-        (3, (0, 1), "no learner answers for shard-2 of 3 shards: its sessions are not listed; "),
-        (4, (2,), "no learner answers for shard-0, shard-1, shard-3 of 4 shards: their sessions are not "),
-        (64, (), "shard-6, shard-7 and 56 more of 64 shards: their sessions are not listed; "),
+        (1, (), "the list is not whole: shard-0 of 1 shard did not answer to the end; "),
+        (3, (0, 1), "the list is not whole: shard-2 of 3 shards did not answer to the end; "),
+        (4, (2,), "the list is not whole: shard-0, shard-1, shard-3 of 4 shards did not answer to the end; "),
+        (64, (), "shard-6, shard-7 and 56 more of 64 shards did not answer to the end; "),
     ],
 )
-def test_shards_without_a_learner_are_named_in_one_line_with_the_mend(
+def test_shards_that_did_not_tell_all_are_named_in_one_line_with_the_mend(
     shards: int, told: tuple[int, ...], line: str | None
 ) -> None:
     said = lacking(SessionList(sessions=(), shards=shards, told=told), "`sfid status`")
@@ -99,6 +104,53 @@ def test_the_command_lists_what_learners_tell() -> None:
     assert [line in one.stderr.splitlines() for one in (whole, mazes, nothing)] == [False, True, True]
     assert nothing.stdout == "0 sessions\n"
     assert [one.code for one in (whole, mazes, nothing)] == [0, 0, 0]
+
+
+@pytest.mark.real
+def test_a_session_is_called_created_only_where_all_learners_told_what_there_was() -> None:
+    at = free_endpoint()
+    whole, partial = (SessionList(sessions=tuple(ROWS), shards=3, told=told) for told in ((0, 1, 2), (0, 2)))
+    told: list[SessionList] = []
+    with routing(RouterConfig(at)):
+        learner, keys = open_bus(at, 5_000), Keys("local")
+        learner.serve(keys.learner("list"), lambda request: request.reply(encode(told[-1])), shared=True)
+        learner.serve(
+            keys.learner("create"), lambda request: request.reply(encode(Done(ok=True))), shared=True
+        )
+        done = []
+        for name, before in (("new", whole), ("new", partial), ("cave", partial)):
+            told.append(before)
+            done.append(sfid("session", "create", name, "--connect", at))
+        learner.close()
+    assert [one.code for one in done] == [0, 0, 0]
+    assert [one.stdout.partition(": ")[0] for one in done] == [
+        "session new created",
+        "session new created, or was there already, just so",
+        "session cave was there already, just so",
+    ]
+    line = lacking(partial, f"`sfid status --connect {at}`")
+    assert line is not None
+    assert [line in one.stderr.splitlines() for one in done] == [False, True, False]
+
+
+class Lists(Operator):
+    """An operator who was told one list."""
+
+    def __init__(self, told: SessionList) -> None:
+        super().__init__(MemoryBus(MemoryHub()), Keys("demo"))
+        self._told = told
+
+    def sessions(self) -> SessionList:
+        return self._told
+
+
+def test_a_demo_takes_no_name_that_may_be_taken() -> None:
+    wanted = msgspec.structs.replace(CREATE, session="cave")
+    assert named_afresh(Lists(SessionList(sessions=tuple(ROWS))), wanted).session == "cave-2"
+    with pytest.raises(
+        CommandError, match=r"^cave: what sessions there are was not told to the end, .*--data"
+    ):
+        named_afresh(Lists(SessionList(sessions=tuple(ROWS), told=())), wanted)
 
 
 @pytest.mark.parametrize("parameters,advised", [(None, []), ({}, ["-p omega=penalty"])])
