@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from shlex import quote
-from typing import Annotated, Any, TextIO
+from typing import Annotated, Any
 
 import typer
 
@@ -61,10 +61,10 @@ def new(  # noqa: PLR0917 - one argument a flag
     where = whereabouts(data, connect, deployment)
     words = f"teach keyboard --session {session} --name {name} --token-file {quote(str(path))}"
     teach = suggested(words, where.connect, where.deployment, access or (None if where.is_here else _FOLDER))
-    with _private(path) as file:  # before anything is handed out: a token that is nowhere could be nobody's
-        token = issued(data, identity)
-        key = check_key(session, name, tuple(load_secrets(data / FOLDER)))
-        file.write(f"{token}\n{KEY_MARK} {key.hex()}\n")
+    secrets = load_secrets(data / FOLDER)
+    key = check_key(session, name, tuple(secrets))
+    with _private(path, f"{sign(identity, secrets)}\n{KEY_MARK} {key.hex()}\n"):
+        note_issued(data, identity)  # once the file is whole: an id whose token is nowhere could be nobody's
     if as_json:
         print_json({
             "id": identity.token_id, "name": name, "session": session, "expires_s": identity.expires_s,
@@ -130,13 +130,17 @@ def expiry_s(hours: float) -> int:
 
 def issued(data: Path, identity: Identity) -> str:
     """Return the token of an identity, noted as handed out."""
-    folder = data / FOLDER
-    token = sign(identity, load_secrets(folder))
+    token = sign(identity, load_secrets(data / FOLDER))
+    note_issued(data, identity)
+    return token
+
+
+def note_issued(data: Path, identity: Identity) -> None:
+    """Note that the token of an identity is handed out."""
     try:
-        Register(folder).issue(identity)
+        Register(data / FOLDER).issue(identity)
     except OSError as error:
         raise _not_writable(data, error) from None
-    return token
 
 
 def revoke_key(data: Path, what: str) -> None:
@@ -174,15 +178,25 @@ def _moment(seconds: int) -> str:
 
 
 @contextmanager
-def _private(path: Path) -> Iterator[TextIO]:
-    """Open a new file that its owner alone can read; it is gone again where what fills it fails."""
+def _private(path: Path, content: str) -> Iterator[None]:
+    """Write a new file that its owner alone can read, durably; it is gone again where what follows fails."""
     try:
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except OSError as error:
-        raise CommandError(f"{path}: {error.strerror or error}: name another file with --out") from None
+        raise _not_there(path, error) from None
     try:
-        with os.fdopen(handle, "w", encoding="ascii") as file:
-            yield file
+        try:
+            with os.fdopen(handle, "w", encoding="ascii") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(handle)
+        except OSError as error:
+            raise _not_there(path, error) from None
+        yield
     except BaseException:
         path.unlink(missing_ok=True)
         raise
+
+
+def _not_there(path: Path, error: OSError) -> CommandError:
+    return CommandError(f"{path}: {error.strerror or error}: name another file with --out")

@@ -6,6 +6,7 @@ is in the recording, and comes back from the learner when the monitor starts ane
 """
 
 import logging
+import socket
 import threading
 
 import rerun as rr
@@ -61,7 +62,7 @@ class Live:
         except OSError:
             self._scene_host.disconnect()
             self._curves_host.disconnect()
-            raise port_error("scene_port, curves_port", addresses.scene_port) from None
+            raise port_error(*_taken_of(addresses)) from None
 
     @property
     def dropped(self) -> int:
@@ -143,6 +144,17 @@ class _LiveSession:
             except RuntimeError as error:
                 _LOG.warning("the last rows did not reach the viewers: %s", error)
             each.disconnect()
+
+
+def _taken_of(addresses: Addresses) -> tuple[str, int]:
+    """Return the field and the number of the port that the guard could not have."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((addresses.bind, addresses.scene_port))
+        except OSError:
+            return "scene_port", addresses.scene_port
+    return "curves_port", addresses.curves_port
 
 
 def _inner_ports(addresses: Addresses) -> Addresses:

@@ -5,6 +5,7 @@ who verify tokens; each line is one write of less than a page, so writers do not
 anybody is told.
 """
 
+import errno
 import hashlib
 import json
 import os
@@ -121,9 +122,13 @@ class Register:
 
     def _append(self, entry: _Entry) -> None:
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        handle = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+        line = json.dumps(msgspec.to_builtins(entry)).encode() + b"\n"
+        handle = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o600)
         try:
-            os.write(handle, json.dumps(msgspec.to_builtins(entry)).encode() + b"\n")
+            if _is_torn(handle):  # a line that a full disk cut off spoils no other
+                line = b"\n" + line
+            if os.write(handle, line) < len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._path))
             os.fsync(handle)
         finally:
             os.close(handle)
@@ -143,6 +148,11 @@ class Register:
             )
         else:
             self._people.setdefault(entry.token, {})[entry.nonce] = entry.pseudonym
+
+
+def _is_torn(handle: int) -> bool:
+    size = os.fstat(handle).st_size
+    return size > 0 and os.pread(handle, 1, size - 1) != b"\n"
 
 
 def draw_pseudonym() -> str:

@@ -7,6 +7,7 @@ import threading
 import pytest
 
 from services.router import RouterConfig, RouterError, free_endpoint, run
+from services.runtime.bus import BusError
 from services.runtime.endpoint import reached_at
 from services.runtime.zenoh_bus import open_bus
 from services.runtime.zenoh_config import client_config, is_loopback, router_config, split_endpoint
@@ -89,6 +90,32 @@ def test_a_malformed_endpoint_is_refused_with_an_example() -> None:
         RouterError, match=r"'7447' is not of the form tcp/HOST:PORT, as in tcp/127\.0\.0\.1:7447"
     ):
         run(RouterConfig("7447"), never_ready, threading.Event())
+
+
+@pytest.mark.parametrize(
+    "host",
+    ["a b", "127.0.0.1/x", "h?x=1", "[::1", "::1", "[127.0.0.1]", "999.1.1.1", "1.2.3", "a..b", "-a", "a-",
+     "[]", "x" * 64, ".", "a#b", "a\n", "ä.example", "7"],
+)  # fmt: skip
+def test_what_can_be_no_host_is_refused_in_one_line(host: str) -> None:
+    with pytest.raises(BusError) as caught:
+        split_endpoint(f"tcp/{host}:7447")
+    assert str(caught.value) == (
+        f"endpoint {f'tcp/{host}:7447'!r}: {host!r} is no host: "
+        "give a name, an IPv4 address, or an IPv6 address as in [::1]"
+    )
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("host", ["lab.example", "lab.example.", "sfid_router-1", "192.0.2.7", "[::1]"])
+def test_a_name_and_an_address_are_hosts(host: str) -> None:
+    assert split_endpoint(f"tls/{host}:1") == ("tls", host.strip("[]"), 1)
+
+
+@pytest.mark.parametrize("port", ["0", "00", "65536", "99999", "1" * 5_000, "-1", "", "٣"])
+def test_what_can_be_no_port_is_refused(port: str) -> None:
+    with pytest.raises(BusError, match="is not of the form tcp/HOST:PORT"):
+        split_endpoint(f"tcp/localhost:{port}")
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.9.9.9", "[::1]", "localhost"])

@@ -2,6 +2,8 @@
 
 import json
 import stat
+import subprocess
+import sys
 import time
 from pathlib import Path
 from shlex import quote
@@ -112,6 +114,45 @@ def test_where_no_token_can_be_handed_out_no_file_is_left(tmp_path: Path) -> Non
     assert (done.code, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert done.stderr.startswith("sfid: ")
     assert not file.exists()
+
+
+LIMITED = """
+import resource, sys
+from services.cli.main import main
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), resource.RLIM_INFINITY))
+sys.argv = ["sfid", *sys.argv[2:]]
+main()
+"""
+"""A command in a process whose files cannot grow further, as where a disk is full."""
+
+
+def on_a_full_disk(free_bytes: int, *arguments: str) -> tuple[int, str]:
+    command = [sys.executable, "-P", "-c", LIMITED, str(free_bytes), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return done.returncode, done.stderr
+
+
+def test_on_a_full_disk_there_is_neither_a_token_without_an_id_nor_an_id_without_a_token(
+    tmp_path: Path,
+) -> None:
+    data, file = tmp_path / "data", tmp_path / "bea.token"
+    first = keys(data, "new", "ann", "--session", "s1", "--out", str(tmp_path / "ann.token"))
+    register, token_bytes = data / "gateway" / "register.jsonl", (tmp_path / "ann.token").stat().st_size
+    noted = register.stat().st_size
+    new = ("keys", "new", "bea", "--session", "s1", "--out", str(file), "--data", str(data))
+    assert noted < token_bytes - 1, "else the limit meets the wrong file"
+    assert on_a_full_disk(token_bytes - 1, *new) == (
+        2, f"sfid: {file}: File too large: name another file with --out\n",
+    )  # fmt: skip
+    assert (register.stat().st_size, file.exists()) == (noted, False)
+    while register.stat().st_size < 2 * token_bytes:
+        keys(data, "new", "cleo", "--session", "s1", "--out", str(tmp_path / f"{register.stat().st_size}"))
+    code, said = on_a_full_disk(register.stat().st_size + 20, *new)
+    assert (code, said.count("\n"), f"sfid: {data}: " in said, file.exists()) == (2, 1, True, False)
+    second = keys(data, "new", "bea", "--session", "s1", "--out", str(file))
+    listed = {row["id"]: row["for"] for row in keys(data, "list")["keys"]}
+    assert (listed[first["id"]], listed[second["id"]]) == ("ann", "bea")
+    assert list(listed.values()).count("bea") == 1
 
 
 def test_what_is_withdrawn_by_id_or_by_name_is_refused_at_the_next_answer(tmp_path: Path) -> None:

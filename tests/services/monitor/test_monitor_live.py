@@ -2,6 +2,7 @@
 
 import http.client
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -13,7 +14,8 @@ from pathlib import Path
 import pytest
 
 from protocol.messages import Episode
-from services.monitor.config import LOOPBACK, Addresses, free_port
+from services.monitor.config import LOOPBACK, Addresses, MonitorError, free_port
+from services.monitor.live import Live
 from services.monitor.service import MonitorConfig
 from services.monitor.web import viewer_program
 from tests.services.monitor.feeder import Lesson
@@ -113,6 +115,19 @@ def test_every_port_is_on_loopback_only(monitor: Running) -> None:
     listening = {int(row[1].split(":")[1], 16): row[1].split(":")[0] for row in table if row[3] == "0A"}
     ports = (addresses.scene_port, addresses.curves_port, addresses.web_port)
     assert [listening[port] for port in ports if port] == ["0100007F"] * 3
+
+
+@pytest.mark.parametrize("field", ["scene_port", "curves_port"])
+def test_a_port_that_is_taken_at_the_last_moment_is_named(field: str) -> None:
+    scene = free_port(set())
+    with socket.create_server((LOOPBACK, 0)) as taken:
+        port = taken.getsockname()[1]
+        addresses = Addresses(port, scene, None) if field == "scene_port" else Addresses(scene, port, None)
+        with pytest.raises(MonitorError) as caught:
+            Live(addresses)
+    assert str(caught.value).startswith(
+        f"cannot serve viewers at {LOOPBACK}:{port} ({field}): another program"
+    )
 
 
 def test_a_late_viewer_sees_the_whole_past(monitor: Running, tmp_path: Path) -> None:
