@@ -24,8 +24,17 @@ class EngineError(Exception):
     """A command of the engine failed; the text is the command and what it said."""
 
 
-def run(command: Sequence[str], wait_s: float = COMMAND_MAX_S, env: Mapping[str, str] | None = None) -> str:
-    """Return what a command prints. Raises: EngineError when it fails or takes longer than `wait_s`."""
+def run(
+    command: Sequence[str],
+    wait_s: float = COMMAND_MAX_S,
+    env: Mapping[str, str] | None = None,
+    *,
+    both: bool = False,
+) -> str:
+    """Return what a command prints. Raises: EngineError when it fails or takes longer than `wait_s`.
+
+    Args: both: with what it prints to stderr, where engines print the logs of a container's stderr.
+    """
     try:
         done = subprocess.run(
             command, capture_output=True, text=True, check=False, timeout=wait_s, cwd=ROOT, env=env
@@ -34,7 +43,7 @@ def run(command: Sequence[str], wait_s: float = COMMAND_MAX_S, env: Mapping[str,
         raise EngineError(f"{' '.join(command)}: nothing within {wait_s:g} s") from error
     if done.returncode:
         raise EngineError(f"{' '.join(command)}: exit {done.returncode}\n{done.stdout}{done.stderr}")
-    return done.stdout
+    return done.stdout + done.stderr if both else done.stdout
 
 
 def succeeds(*command: str) -> bool:
@@ -112,9 +121,9 @@ class Stack:
         command = [*self.engine.compose, "-p", self.project, *words]
         return run(command, wait_s, {**os.environ, **self.variables})
 
-    def tool(self, *words: str, wait_s: float = COMMAND_MAX_S) -> str:
-        """Run a command of the engine. Raises: EngineError."""
-        return run([self.engine.tool, *words], wait_s)
+    def tool(self, *words: str, wait_s: float = COMMAND_MAX_S, both: bool = False) -> str:
+        """Run a command of the engine. Raises: EngineError. Args: as those of `run`."""
+        return run([self.engine.tool, *words], wait_s, both=both)
 
     def id_of(self, service: str) -> str:
         """Return the container of a service; both tools label it with the names of project and service."""

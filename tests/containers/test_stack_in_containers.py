@@ -22,6 +22,7 @@ from protocol.who_said import said_to_a_crowd, said_to_a_learner
 from services.replay import replay_crowds, replay_directory
 from services.router import free_endpoint
 from services.runtime.journal import read_rows, verify
+from tests.containers.aftermath import told_when_failing
 from tests.containers.counts import TICK_S, Row, Tally, table
 from tests.containers.engine import (
     STOP_S,
@@ -220,6 +221,7 @@ def test_no_acknowledged_answer_is_lost_while_containers_are_stopped_killed_paus
     with ExitStack() as down:
         down.callback(stack.down)
         began_s = time.monotonic()
+        down.enter_context(told_when_failing(stack))
         stack.compose("up", "--detach", *SERVICES, *DEMO, wait_s=UP_S)
         assert [service for service in SERVICES if not becomes_healthy(stack, service)] == []
         sessions_are_created(stack)
