@@ -39,7 +39,7 @@ _FRAME_LINES = 6
 """Title and the blank line below it, legend, note, two lines of keys."""
 _PANEL_LINES = 9
 """What the panel needs at least when it stands under the grid."""
-_TICK_S = 0.1
+_TICK_S = 0.2
 _LISTEN_S = 0.25
 _HINT_NS = 1_500_000_000
 _DRAIN_S = 2.0
@@ -217,9 +217,13 @@ class KeyboardApp(App[int]):
     def _draw_time(self) -> None:
         """Draw what changes by itself: the window running out, hints fading."""
         now_ns = self._clock.now_ns()
-        self._side.update(panel.situation(self.progress, now_ns))
         note = self._hint if now_ns < self._hint_until_ns else self.progress.note
-        self._note.update(panel.note_line(note))
+        for widget, text in (
+            (self._side, panel.situation(self.progress, now_ns)),
+            (self._note, panel.note_line(note)),
+        ):
+            if widget.content != text:  # five looks a second, and mostly there is nothing to draw
+                widget.update(text, layout=False)
 
     def _painted(self, on_screen: OnScreen | None) -> None:
         self._on_screen = on_screen

@@ -303,3 +303,18 @@ def test_a_person_who_leaves_is_told_how_many_answers_were_saved_and_which_wait(
     assert _farewell("s1", 0, 2, Path("o")) == (
         "left session s1: 0 answers saved; 2 not acknowledged yet, kept in o for your next visit\n"
     )
+
+
+def test_a_screen_on_which_nothing_changes_is_not_drawn_again_and_the_count_down_moves() -> None:
+    async def play(terminal: Terminal) -> None:
+        looks: list[None] = []
+        terminal.app.set_interval(0.2, lambda: looks.append(None))
+        side, note = (terminal.app.query_one(name, Static) for name in ("#side", "#note"))
+        await terminal.sees("side", "5.0 s")
+        drawn = (side.content, note.content)
+        await terminal.until(lambda: len(looks) >= 4)
+        assert (side.content is drawn[0], note.content is drawn[1]) == (True, True)
+        terminal.clock.advance(SECOND_NS)
+        await terminal.sees("side", "4.0 s")
+
+    at_terminal(play, window=WindowSpec(mode="early", span_ms=5_000), remaining_ms=5_000)
