@@ -7,8 +7,8 @@ from services.monitor import curves, doubt_pictures, overview, policy, scene
 from services.monitor.status import EPISODES, NOW
 
 BACKGROUND = (11, 13, 18)
-LANES_SHOWN = 100
-"""Steps that the lanes of labels show."""
+LANES_SHOWN = 30
+"""Steps that the lanes of labels show: few enough for each to have its sign."""
 
 
 def blueprint(active_tab: int = 0) -> rrb.Blueprint:
@@ -31,19 +31,9 @@ def _live() -> rrb.Vertical:
         _picture(scene.ENTITY, "World · white: the agent's move (red: blocked) · coloured: teachers"),
         _picture(policy.ENTITY, "What the agent would do · arrow: best move · bright: high value"),
     )
+    agreement = f"Share of the last {curves.AGREEMENT_LABELS} labels that the agent agreed with"
     plots = rrb.Grid(
-        _plot(curves.STEPS, "Steps of each episode · across: timeline set below"),
-        _plot(curves.RETURN, "Discounted return of each episode", rrb.Corner2D.RightBottom),
-        _plot(curves.TD_ERROR, "Mean absolute TD error of each episode"),
-        _plot(curves.INPUTS, "Teacher inputs of each episode"),
-        _plot(
-            curves.AGREEMENT,
-            "Share of labels that agree with the agent",
-            rrb.Corner2D.RightBottom,
-            (0.0, 1.05),
-        ),
-        _reliability(),
-        grid_columns=2,
+        *_measures(), _plot(curves.AGREEMENT, agreement, span=(0.0, 1.05)), _reliability(), grid_columns=2
     )
     texts = rrb.Horizontal(
         rrb.TextDocumentView(origin=f"/{NOW}", name="Now"), _events(), _lanes(), column_shares=[3, 5, 6]
@@ -82,7 +72,7 @@ def _sessions() -> rrb.Vertical:
 def _events() -> rrb.TextLogView:
     return rrb.TextLogView(
         origin="/events",
-        name="Events",
+        name="Events, newest last",
         columns=rrb.TextLogColumns(timeline_columns=["step"], text_log_columns=["body"]),
     )
 
@@ -91,23 +81,31 @@ def _picture(entity: str, name: str) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(origin=f"/{entity}", name=name, background=BACKGROUND)
 
 
+def _measures() -> list[rrb.TimeSeriesView]:
+    """The founding paper's four measures of each episode."""
+    return [
+        _plot(curves.STEPS, f"Steps · bright: mean of {curves.STEPS_AVERAGED} episodes · grey: fewest"),
+        _plot(curves.RETURN, "Return · green: with teachers' part · grey: without"),
+        _plot(curves.TD_ERROR, "Mean |TD error| · pale: with teachers' part (Eq. 4)"),
+        _plot(curves.INPUTS, "Teacher inputs of each episode"),
+    ]
+
+
 def _plot(
-    entity: str,
-    name: str,
-    corner: rrb.Corner2D = rrb.Corner2D.RightTop,
-    span: tuple[float, float] | None = None,
+    entity: str, name: str, *, span: tuple[float, float] | None = None, legend: bool = False
 ) -> rrb.TimeSeriesView:
+    """Return a plot; its name says what its curves are, because a legend covers some stretch of them."""
     axis = None if span is None else rrb.ScalarAxis(range=span)
-    legend = rrb.PlotLegend(corner=corner)
+    shown = rrb.PlotLegend(corner=rrb.Corner2D.RightBottom, visible=legend)
     always = rr.TimeRangeBoundary.infinite()
     # Said in full, because a late viewer otherwise keeps the stretch it saw first.
     whole = rrb.archetypes.TimeAxis(link="Independent", view_range=rr.TimeRange(start=always, end=always))
-    return rrb.TimeSeriesView(origin=f"/{entity}", name=name, axis_x=whole, axis_y=axis, plot_legend=legend)
+    return rrb.TimeSeriesView(origin=f"/{entity}", name=name, axis_x=whole, axis_y=axis, plot_legend=shown)
 
 
 def _reliability() -> rrb.TimeSeriesView:
     name = "Teachers' reliability ± 1 σ, judged by each other"
-    return _plot("reliability", name, rrb.Corner2D.RightBottom, (0.0, 1.05))
+    return _plot("reliability", name, span=(0.0, 1.05), legend=True)
 
 
 def _lanes() -> rrb.StateTimelineView:
@@ -116,10 +114,11 @@ def _lanes() -> rrb.StateTimelineView:
         end=rr.TimeRangeBoundary.cursor_relative(seq=2),
     )
     axis = rrb.archetypes.TimeAxis(link="Independent", view_range=shown)
-    name = "Labels · blue ← amber → pink ↑ green ↓"
+    name = "What teachers said · bright: the agent agreed"
     return rrb.StateTimelineView(origin="/teachers", name=name, time_view=axis)
 
 
-def _table() -> rrb.Vertical:
+def _table() -> rrb.Horizontal:
     table = rrb.TextDocumentView(origin=f"/{EPISODES}", name="The latest episodes, newest first")
-    return rrb.Vertical(table, name="Episodes")
+    plots = rrb.Grid(*_measures(), grid_columns=2)
+    return rrb.Horizontal(table, plots, column_shares=[5, 8], name="Episodes")

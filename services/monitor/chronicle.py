@@ -32,6 +32,7 @@ from services.monitor.status import (
     episodes_markdown,
     event_of_episode,
     events_between,
+    heading_of,
     step_markdown,
 )
 
@@ -100,7 +101,8 @@ class Chronicle:
                 self.note(event_of_episode(episode), moment)
             self._latest.appendleft(episode)
             if self._table.due(episode.at_ns) or self._is_last(episode.episode):
-                self._rows.curves.append(Document(EPISODES, moment, episodes_markdown(self._latest)))
+                heading = None if self.decision is None else heading_of(self.decision)
+                self._rows.curves.append(Document(EPISODES, moment, episodes_markdown(self._latest, heading)))
 
     def give_up_missing(self) -> None:
         """Show the episodes that wait for others, without those."""
@@ -111,6 +113,10 @@ class Chronicle:
     def note(self, text: str, moment: Moment | None = None, level: str = "INFO") -> None:
         """Add a line to the event log."""
         self._events.add(moment or self.moment, text, level)
+
+    def has_lane(self, teacher: str) -> bool:
+        """Tell whether what this teacher says is shown as a lane."""
+        return self._lanes.has(teacher)
 
     def take(self) -> Rows:
         """Return the rows since the last call."""

@@ -1,10 +1,11 @@
 """Episode curves, label agreement, lanes and events: collected row by row, handed out in batches."""
 
 from collections import deque
+from collections.abc import Iterable
 
 import numpy as np
 
-from protocol.messages import Episode, Step
+from protocol.messages import Episode, SaidBy, Step
 from services.monitor.rows import Curves, Events, Lane, Moment
 from services.monitor.sampling import AGREEMENT_MS, LABELS_MS, Pace
 
@@ -12,6 +13,8 @@ AGREEMENT_LABELS = 50
 """Labels that the rolling agreement looks back on."""
 STEPS_AVERAGED = 10
 """Episodes that the smooth line of steps is the mean of."""
+DIFFERED = "≠"
+"""Ends the state of a lane where the agent did something else than was said."""
 LANES_MAX = 8
 """Teachers with a lane of their own: each lane is a message a batch, and a screen shows no more."""
 EVENTS_MAX = 1_000
@@ -149,7 +152,7 @@ class Lanes:
         """Add the labels of a step; teachers beyond the number of lanes are left out."""
         if not step.said and not self._open:
             return
-        said = {each.teacher: each.action for each in step.said if each.action is not None}
+        said = states_said(step.said, step.action)
         for teacher in (*said, *(teacher for teacher in sorted(self._open) if teacher not in said)):
             if teacher not in self._paces:
                 if len(self._paces) >= LANES_MAX:
@@ -157,15 +160,19 @@ class Lanes:
                 self._paces[teacher] = Pace(LABELS_MS)
             self._add(teacher, said.get(teacher), step.at_ns, moment)
 
-    def _add(self, teacher: str, action: str | None, at_ns: int, moment: Moment) -> None:
-        if action is not None and self._paces[teacher].due(at_ns):
+    def _add(self, teacher: str, state: str | None, at_ns: int, moment: Moment) -> None:
+        if state is not None and self._paces[teacher].due(at_ns):
             self._open.add(teacher)
         elif teacher in self._open:
             self._open.discard(teacher)
-            action = None
+            state = None
         else:
             return
-        self._rows.setdefault(teacher, []).append((moment, action or ""))
+        self._rows.setdefault(teacher, []).append((moment, state or ""))
+
+    def has(self, teacher: str) -> bool:
+        """Tell whether this teacher has a lane."""
+        return teacher in self._paces
 
     def take(self) -> list[Lane]:
         """Return what is new in each lane."""
@@ -174,6 +181,15 @@ class Lanes:
             Lane(teacher, tuple(at for at, _ in lane), tuple(state for _, state in lane))
             for teacher, lane in rows.items()
         ]
+
+
+def states_said(said: Iterable[SaidBy], went: str | None) -> dict[str, str]:
+    """Return the state of each teacher's lane who named an action, where the agent went one way."""
+    return {
+        each.teacher: each.action if each.action == went else each.action + DIFFERED
+        for each in said
+        if each.action is not None
+    }
 
 
 class EventLog:

@@ -25,7 +25,9 @@ NAMES_MAX = 3
 UNANSWERED_S = 60.0
 SILENT_S = 20.0
 LOST_EPISODES = 5
-HINT = "to watch another: the first of the squares top right lists them"
+KEY = (("r", "agent"), ("w", "box"), ("g", "goal"), ("h", "box on goal"))
+"""What stands on the small boards: colour, and its name."""
+HINT = "another session: the first square top right lists them"
 """The viewer's list of recordings is closed at first: with one session it shows nothing."""
 
 PANEL, LINE, TEXT, MUTED, GOOD, BAD, WAIT, STEPS, AGREE = range(9)
@@ -47,6 +49,7 @@ class Glance:
     view: str
     state: str
     stuck: bool
+    begun: bool
     episode: int
     episodes: int
     steps: tuple[int, ...]
@@ -65,7 +68,7 @@ def glance(session: str, view: SessionView, now_s: float) -> Glance:
     episode = decision.episode if decision else report.summary.episode if report else 0
     episodes = decision.episodes if decision else report.summary.episodes if report else 0
     return Glance(
-        session, view.view, state, stuck, episode, episodes,
+        session, view.view, state, stuck, view.has_begun, episode, episodes,
         tuple(each.steps for each in view.recent),
         view.recent[-1].optimal_steps if view.recent else None,
         view.chronicle.agreement.share(),
@@ -108,14 +111,16 @@ def draw_overview(glances: Sequence[Glance], moment: Moment, unshown: int = 0) -
     shown = ordered[:SHOWN_MAX]
     columns = 1 if len(shown) == 1 else 2 if len(shown) <= 4 else 3 if len(shown) <= 9 else 4
     rows = -(-len(shown) // columns)
-    below = [HINT] * (len(glances) > 1) + [f"and {unshown} more that are not shown"] * (unshown > 0)
+    below = [HINT] * (len(glances) > 1)
+    below += [f"and {unshown} more that are not shown"] * (unshown > 0)
     height, width = rows * (CARD_HEIGHT + GAP) + GAP, columns * (CARD_WIDTH + GAP) + GAP
-    canvas = np.zeros((height + len(below) * LINE_HEIGHT, width), np.uint8)
+    canvas = np.zeros((height + (1 + len(below)) * LINE_HEIGHT, width), np.uint8)
     for number, each in enumerate(shown):
         top = GAP + number // columns * (CARD_HEIGHT + GAP)
         left = GAP + number % columns * (CARD_WIDTH + GAP)
         _draw_card(canvas[top : top + CARD_HEIGHT, left : left + CARD_WIDTH], each)
-    for number, line in enumerate(below):
+    _draw_key(canvas[height : height + LINE_HEIGHT, GAP:])
+    for number, line in enumerate(below, 1):
         font.write(canvas, line, (height + number * LINE_HEIGHT, GAP), _BASE + MUTED)
     return Picture(ENTITY, moment, Indexed(canvas, _PALETTE))
 
@@ -131,6 +136,8 @@ def _draw_card(card: Indexes, each: Glance) -> None:
     _draw_board(card[26 : 26 + BOARD_SIDE, 12 : 12 + BOARD_SIDE], each.view)
     side = card[:, BOARD_SIDE + 24 : -10]
     progress = f"episode {min(each.episode + 1, each.episodes)} of {each.episodes}"
+    if not each.begun:
+        progress = f"not begun, {each.episodes} episodes"
     font.write(side, progress, (26, 0), _BASE + MUTED, 1)
     _draw_bar(side[34:40], min(1.0, each.episode / max(1, each.episodes)), _BASE + GOOD)
     fewest = "" if each.fewest is None else f", fewest {each.fewest}"
@@ -143,30 +150,41 @@ def _draw_card(card: Indexes, each: Glance) -> None:
     _draw_teachers(card[CARD_HEIGHT - 20 : CARD_HEIGHT - 6, 12 : BOARD_SIDE + 24], each)
 
 
+def _draw_key(part: Indexes) -> None:
+    column = 0
+    for letter, name in KEY:
+        part[1:9, column : column + 8] = tiles.colour_number(letter)
+        column = font.write(part, name, (0, column + 12), _BASE + MUTED) + 16
+
+
 def _draw_board(part: Indexes, view: str) -> None:
-    """The board in small: what stands on each cell, as large as it fits."""
+    """The board in small, as large as it fits."""
     try:
         board = read_view(view)
     except ViewError:
         return
-    small = _small(board)
-    scale = max(1, min(part.shape[0] // small.shape[0], part.shape[1] // small.shape[1]))
-    big = np.kron(small, np.ones((scale, scale), np.uint8))[: part.shape[0], : part.shape[1]]
+    level = board.level
+    scale = max(1, min(part.shape[0] // level.height, part.shape[1] // level.width))
+    big = _small(board, scale)[: part.shape[0], : part.shape[1]]
     top, left = (part.shape[0] - big.shape[0]) // 2, (part.shape[1] - big.shape[1]) // 2
     part[top : top + big.shape[0], left : left + big.shape[1]] = big
 
 
-def _small(board: Board) -> Indexes:
+def _small(board: Board, scale: int) -> Indexes:
+    """Every cell in its colour, and what stands on it a little smaller: a goal is seen below the agent."""
     level = board.level
     colour = tiles.colour_number
-    small = np.full(level.width * level.height, _BASE + PANEL, np.uint8)
-    small[sorted(level.walls)] = colour("q")
-    small[list(level.reach)] = colour("f")
-    small[list(level.goals)] = colour("g")
-    for box in board.boxes:
-        small[box] = colour("h") if box in level.goal_set else colour("w")
-    small[board.player] = colour("r")
-    return small.reshape(level.height, level.width)
+    cells = np.full(level.width * level.height, _BASE + PANEL, np.uint8)
+    cells[sorted(level.walls)] = colour("q")
+    cells[list(level.reach)] = colour("f")
+    cells[list(level.goals)] = colour("g")
+    big = np.kron(cells.reshape(level.height, level.width), np.ones((scale, scale), np.uint8))
+    edge = 0 if scale < 4 else max(1, scale // 5)
+    standing = [(box, "h" if box in level.goal_set else "w") for box in board.boxes]
+    for cell, letter in (*standing, (board.player, "r")):
+        row, column = (scale * at for at in divmod(cell, level.width))
+        big[row + edge : row + scale - edge, column + edge : column + scale - edge] = colour(letter)
+    return big
 
 
 def _draw_bar(part: Indexes, share: float, colour: int) -> None:

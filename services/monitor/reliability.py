@@ -13,8 +13,12 @@ from sfid_core.sokoban.actions import ACTIONS
 
 TEACHERS_MAX = 8
 """Teachers with a curve: a screen tells no more colours apart."""
+OF_TWO = " (of two: who errs is unknown)"
+"""Where two differ nothing tells which of them errs: their curves are one."""
 _NUMBERS = {action.name: index for index, action in enumerate(ACTIONS)}
 _Point = tuple[Moment, float, float]
+_Curve = tuple[str, str]
+"""A teacher, and how the legend calls them."""
 
 
 class Reliability:
@@ -27,7 +31,7 @@ class Reliability:
         self._colours = colours
         self._names: dict[str, None] = {}
         self._pace = Pace(RELIABILITY_MS)
-        self._rows: dict[str, list[_Point]] = {}
+        self._rows: dict[_Curve, list[_Point]] = {}
 
     def add(self, step: Step, moment: Moment) -> None:
         """Learn from a step that two teachers or more labelled."""
@@ -38,25 +42,27 @@ class Reliability:
             return
         self._aggregate.learn(labels)
         if self._pace.due(step.at_ns):
-            for teacher in self._aggregate.workers():
+            teachers = tuple(self._aggregate.workers())
+            end = OF_TWO if len(teachers) == 2 else ""
+            for teacher in teachers:
                 known = self._aggregate.reliability(teacher)
-                self._note(teacher, (moment, known.mean, known.standard_error))
+                self._note(teacher, teacher + end, (moment, known.mean, known.standard_error))
 
     def add_crowd(self, crowd: Crowd, moment: Moment) -> None:
         """Take over what an aggregator has found out about its workers."""
         if self._pace.due(crowd.at_ns):
             for worker in crowd.workers:
-                self._note(worker.worker, (moment, worker.mean, worker.standard_error))
+                self._note(worker.worker, worker.worker, (moment, worker.mean, worker.standard_error))
 
-    def _note(self, teacher: str, point: _Point) -> None:
+    def _note(self, teacher: str, label: str, point: _Point) -> None:
         if teacher in self._names or len(self._names) < TEACHERS_MAX:
             self._names[teacher] = None
-            self._rows.setdefault(teacher, []).append(point)
+            self._rows.setdefault((teacher, label), []).append(point)
 
     def take(self) -> list[Reliabilities]:
         """Return the points since the last call, a batch for each teacher."""
         rows, self._rows = self._rows, {}
         return [
-            Reliabilities(teacher, self._colours.of(teacher), *zip(*points, strict=True))
-            for teacher, points in rows.items()
+            Reliabilities(teacher, label, self._colours.of(teacher), *zip(*points, strict=True))
+            for (teacher, label), points in rows.items()
         ]

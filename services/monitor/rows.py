@@ -53,6 +53,9 @@ class Picture:
     """By palette, or a PNG as an environment sent it: viewers show a palette's at once, and a PNG once they
     have decoded it, which a slow one has not done when the next one comes."""
     arrows: tuple[Arrow, ...] = ()
+    lanes: tuple["Lane", ...] = ()
+    """What was said at this moment, for viewers: the lanes themselves come later, in batches, and the strip
+    below a board would tell of earlier steps than the board."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +82,8 @@ class Reliabilities:
     """How reliable one teacher is, by others' labels or their aggregator, with the standard error."""
 
     teacher: str
+    label: str
+    """What the legend calls the curve."""
     colour: Colour
     moments: tuple[Moment, ...]
     means: tuple[float, ...]
@@ -124,8 +129,10 @@ def merged(rows: Iterable[Row]) -> list[Row]:
         match row:
             case Curves(entity):
                 key = entity
-            case Lane(teacher) | Reliabilities(teacher):
+            case Lane(teacher):
                 key = teacher
+            case Reliabilities(teacher, label):
+                key = f"{teacher} {label}"
             case Events():
                 key = ""
             case _:  # each stands for itself
@@ -144,11 +151,11 @@ def _one(batch: list[Row]) -> Row:
         case Lane(teacher):
             lanes = [row for row in batch if isinstance(row, Lane)]
             return Lane(teacher, _moments(lanes), tuple(state for row in lanes for state in row.states))
-        case Reliabilities(teacher, colour):
+        case Reliabilities(teacher, label, colour):
             known = [row for row in batch if isinstance(row, Reliabilities)]
             means = tuple(mean for row in known for mean in row.means)
             errors = tuple(error for row in known for error in row.errors)
-            return Reliabilities(teacher, colour, _moments(known), means, errors)
+            return Reliabilities(teacher, label, colour, _moments(known), means, errors)
         case _:
             events = [row for row in batch if isinstance(row, Events)]
             texts = tuple(text for row in events for text in row.texts)

@@ -30,6 +30,9 @@ TEACHERS_REMEMBERED_MAX = 1024
 NAMED_ARROWS_MAX = 3
 """Teachers of one direction with an arrow each; more are shown as one arrow with their number."""
 
+NAME_HEIGHT = 0.55
+"""Tiles from one name to the next."""
+
 HOLD_S = 0.4
 """How long a step on which somebody answered stays in view: long enough to read a name."""
 
@@ -185,16 +188,14 @@ def _teachers_towards(action: str, frame: Frame, colours: TeacherColours) -> lis
         items += [(f"{teacher} {reward:+g}", colours.of(teacher)) for teacher, reward in rewards]
     if len(items) > NAMED_ARROWS_MAX:
         return [(f"{len(items)} teachers", TEACHER_COLOURS[0])]
-    # Names side by side would cover each other: the last one is that of all.
-    names = ", ".join(name for name, _ in items)
-    return [("", colour) for _, colour in items[:-1]] + [(names, colour) for _, colour in items[-1:]]
+    return items
 
 
 def _side_by_side(
     delta: tuple[int, int], items: Sequence[tuple[str, Colour]], centre: tuple[float, float]
 ) -> list[Arrow]:
     down, right = delta
-    arrows = []
+    arrows, named = [], 0
     for number, (label, colour) in enumerate(items):
         aside = 0.3 * tiles.TILE * (number - (len(items) - 1) / 2)
         start = 0.5 * tiles.TILE
@@ -202,16 +203,21 @@ def _side_by_side(
         vector = (right * 0.75 * tiles.TILE, down * 0.75 * tiles.TILE)
         arrows.append(Arrow(origin, vector, colour))
         if label:
-            arrows.append(_name(label, colour, (right, down), centre))
+            arrows.append(_name(label, colour, (right, down), centre, named))
+            named += 1
     return arrows
 
 
-def _name(label: str, colour: Colour, towards: tuple[int, int], centre: tuple[float, float]) -> Arrow:
+def _name(
+    label: str, colour: Colour, towards: tuple[int, int], centre: tuple[float, float], before: int
+) -> Arrow:
     """Return a text where it covers neither the agent nor an arrow: beyond those up or down, above others.
 
+    Args: before: how many names stand there already; each is beyond the one before it.
     A viewer writes an arrow's label a little below its middle; this arrow is nothing but its label.
     """
     right, down = towards
     x = centre[0] + 0.875 * right * tiles.TILE
-    y = centre[1] + ((1.7 * down if down else -0.95) - 0.35) * tiles.TILE
+    beyond = NAME_HEIGHT * before * (down or -1)
+    y = centre[1] + ((1.7 * down if down else -0.95) - 0.35 + beyond) * tiles.TILE
     return Arrow((x, y), (0.0, 0.0), colour, label, width=0.0)

@@ -4,14 +4,15 @@ Time is an argument; no thread, no wire, no viewer.
 """
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from protocol.messages import Crowd, Decision, Episode, SessionReport, Step, World
 from services.gym.rendering import is_board
 from services.monitor.chronicle import Chronicle, wall
 from services.monitor.config import TEACH
+from services.monitor.curves import states_said
 from services.monitor.policy import draw_policy
-from services.monitor.rows import Curves, Document, Moment, Picture, Row, Rows, merged
+from services.monitor.rows import Curves, Document, Lane, Moment, Picture, Row, Rows, merged
 from services.monitor.sampling import LIVE_POINT_MS, Pace
 from services.monitor.scene import (
     Frame,
@@ -76,6 +77,8 @@ class SessionView:
         )
         self._stage = Stage()
         self._shown: Frame | None = None
+        self._spoke: set[str] = set()
+        """Who said something on the frame that is shown."""
         self._policy_stale = False
         self._told = ""
         self._unwritten = Rows()
@@ -233,11 +236,25 @@ class SessionView:
             self._draw_count_down(rows, now_s, pace)
             return
         try:
-            rows.scene.append(draw_world(frame, self._colours(), self._share_left(frame, now_s)))
+            picture = draw_world(frame, self._colours(), self._share_left(frame, now_s))
         except ViewError:  # the chronicle counts it, and tells the first
             return
+        rows.scene.append(replace(picture, lanes=self._lanes_of(frame)))
         self._policy_stale |= self._shown is None or self._shown.view != frame.view
         self._shown = frame
+
+    def _lanes_of(self, frame: Frame) -> tuple[Lane, ...]:
+        """What was said on a frame, which ends what was said on the one before it."""
+        if self._earlier is not None:
+            return ()
+        said = states_said(frame.said, frame.action)
+        states = dict.fromkeys(sorted(self._spoke - said.keys()), "") | said
+        self._spoke = set(said)
+        return tuple(
+            Lane(teacher, (frame.moment,), (state,))
+            for teacher, state in states.items()
+            if self.chronicle.has_lane(teacher)
+        )
 
     def _draw_count_down(self, rows: Rows, now_s: float, pace: int) -> None:
         """Draw the open decision again with less time left."""

@@ -63,18 +63,27 @@ def step_markdown(step: Step, decision: Decision | None) -> str:
 
 def event_of_episode(episode: Episode) -> str:
     """Return one line about a finished episode."""
-    fewest = "" if episode.optimal_steps is None else f" (fewest {episode.optimal_steps})"
+    steps = _counted(episode.steps, "step")
+    if episode.optimal_steps is not None:
+        # Beside an end in a deadlock, fewer steps than "fewest" would read as a mistake.
+        steps += (
+            f" ({'fewest' if episode.outcome == 'solved' else 'to solve it takes'} {episode.optimal_steps})"
+        )
     return (
-        f"episode {episode.episode + 1} {ENDS[episode.outcome]}: "
-        f"{_counted(episode.steps, 'step')}{fewest}, "
+        f"episode {episode.episode + 1} {ENDS[episode.outcome]}: {steps}, "
         f"return {episode.discounted_return:+.2f}, {_counted(episode.inputs, 'input')}"
     )
 
 
-def episodes_markdown(latest_first: Iterable[Episode]) -> str:
-    """Return finished episodes as a table."""
+def heading_of(decision: Decision) -> str:
+    """Return what is taught and how, as a heading."""
+    return f"### {decision.session} · method {decision.method} · {_counted(decision.episodes, 'episode')}"
+
+
+def episodes_markdown(latest_first: Iterable[Episode], heading: str | None = None) -> str:
+    """Return finished episodes as a table, below its heading."""
     head = (
-        "| episode | steps | fewest possible | return | mean abs. TD error | teacher inputs | how it ended |"
+        "| episode | steps | fewest to solve | return | mean abs. TD error | teacher inputs | how it ended |"
     )
     rows = [
         f"| {episode.episode + 1} | {episode.steps} | {'' if fewest is None else fewest} "
@@ -83,7 +92,8 @@ def episodes_markdown(latest_first: Iterable[Episode]) -> str:
         for episode in latest_first
         for fewest in (episode.optimal_steps,)
     ]
-    return "\n".join([head, "|--:|--:|--:|--:|--:|--:|:--|", *rows])
+    above = [] if heading is None else [heading, ""]
+    return "\n".join([*above, head, "|--:|--:|--:|--:|--:|--:|:--|", *rows])
 
 
 def events_between(before: Decision | None, after: Decision) -> list[str]:

@@ -77,7 +77,7 @@ def _contents(row: Row) -> int:
     match row:
         case Picture():
             picture = len(row.image) if isinstance(row.image, bytes) else row.image.indexes.nbytes
-            return picture + MOMENT_BYTES * len(row.arrows)
+            return picture + MOMENT_BYTES * (len(row.arrows) + len(row.lanes))
         case Document():
             return len(row.markdown)
         case Curves():

@@ -1,6 +1,6 @@
 """Rows into a Rerun stream: the one place that knows how a row is logged."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 from typing import Any
 
@@ -8,7 +8,19 @@ import numpy as np
 import rerun as rr
 
 from services.monitor import curves
-from services.monitor.rows import Arrow, Curves, Document, Events, Lane, Moment, Picture, Reliabilities, Row
+from services.monitor.rows import (
+    Arrow,
+    Colour,
+    Curves,
+    Document,
+    Events,
+    Lane,
+    Moment,
+    Picture,
+    Reliabilities,
+    Row,
+)
+from services.monitor.status import SIGNS
 
 APPLICATION = "sfid"
 LINES: dict[str, tuple[tuple[tuple[int, ...], ...], tuple[float, ...]]] = {
@@ -19,12 +31,10 @@ LINES: dict[str, tuple[tuple[tuple[int, ...], ...], tuple[float, ...]]] = {
     curves.AGREEMENT: (((70, 210, 200, 255),), (2.0,)),
 }
 """Colours and widths of the curves, by entity; the names are in `curves.SERIES`."""
-LANE_STATES = {
-    "LEFT": ("←", (96, 165, 250)),
-    "RIGHT": ("→", (250, 190, 60)),
-    "UP": ("↑", (240, 120, 190)),
-    "DOWN": ("↓", (80, 210, 130)),
-}
+AGREED_COLOUR: Colour = (70, 210, 200)
+DIFFERED_COLOUR: Colour = (120, 112, 104)
+"""Of what a teacher said, by what the agent did: the colour of the curve of agreement, and grey. The colours
+of teachers would be taken for teachers."""
 
 
 def stream(recording_id: str, tick_s: float, *, send_properties: bool) -> rr.RecordingStream:
@@ -41,11 +51,13 @@ def stream(recording_id: str, tick_s: float, *, send_properties: bool) -> rr.Rec
 class Writer:
     """Writes rows to one stream; used by one thread, because Rerun's time is set by thread."""
 
-    __slots__ = ("_lanes", "_painted", "_stream")
+    __slots__ = ("_lanes", "_named", "_painted", "_stream")
 
     def __init__(self, stream: rr.RecordingStream) -> None:
         self._stream = stream
-        self._lanes: set[str] = set()
+        self._lanes: dict[str, dict[str, None]] = {}
+        """Of each lane the actions that its states are about."""
+        self._named: dict[str, str] = {}
         self._painted: set[str] = set()
 
     def style_curves(self) -> None:
@@ -83,9 +95,9 @@ class Writer:
 
     def _reliabilities(self, row: Reliabilities) -> None:
         entity = f"reliability/{row.teacher}"
-        if entity not in self._lanes:
-            self._lanes.add(entity)
-            style = rr.Measurements.from_fields(colors=[row.colour], names=[row.teacher], widths=[2.0])
+        if self._named.get(entity) != row.label:
+            self._named[entity] = row.label
+            style = rr.Measurements.from_fields(colors=[row.colour], names=[row.label], widths=[2.0])
             self._stream.log(entity, style, static=True)
         for part in _alike(row.moments):
             variances = np.array(row.errors[part]) ** 2
@@ -95,6 +107,8 @@ class Writer:
     def _picture(self, row: Picture) -> None:
         self._at(row.moment)
         self._stream.log(row.entity, self._image(row), _arrows(row.arrows))
+        for lane in row.lanes:
+            self._lane(lane)
 
     def _image(self, row: Picture) -> rr.SegmentationImage | rr.EncodedImage:
         if isinstance(row.image, bytes):
@@ -107,11 +121,12 @@ class Writer:
 
     def _lane(self, row: Lane) -> None:
         entity = f"teachers/{row.teacher}"
-        if row.teacher not in self._lanes:
-            self._lanes.add(row.teacher)
-            signs, colours = zip(*LANE_STATES.values(), strict=True)
-            states = rr.StateConfiguration(values=list(LANE_STATES), labels=signs, colors=colours)
-            self._stream.log(entity, states, static=True)
+        known = self._lanes.get(row.teacher, {})
+        # A world of other actions tells their names as they come.
+        names = {state.removesuffix(curves.DIFFERED): None for state in row.states if state}
+        if not known or not names.keys() <= known.keys():
+            known = self._lanes[row.teacher] = known | dict.fromkeys(SIGNS) | names
+            self._stream.log(entity, _lane_states(known), static=True)
         for part in _alike(row.moments):
             self._columns(entity, row.moments[part], rr.StateChange.columns(state=row.states[part]))
 
@@ -131,6 +146,17 @@ def _alike(moments: Sequence[Moment]) -> Iterator[slice]:
         length = sum(1 for _ in group)
         yield slice(start, start + length)
         start += length
+
+
+def _lane_states(actions: Iterable[str]) -> rr.StateConfiguration:
+    """How the states of a lane are written, and their colours."""
+    states = [
+        (action + end, SIGNS.get(action, action), colour)
+        for action in actions
+        for end, colour in (("", AGREED_COLOUR), (curves.DIFFERED, DIFFERED_COLOUR))
+    ]
+    values, signs, colours = zip(*states, strict=True)
+    return rr.StateConfiguration(values=values, labels=signs, colors=colours)
 
 
 def _length(part: slice) -> int:

@@ -32,7 +32,7 @@ def single(step: int) -> list[Row]:
         Curves("curves/inputs", at, np.array([[step]], float)),
         Lane("ann", at, (f"LEFT{step}",)),
         Lane("ben", at, (f"UP{step}",)),
-        Reliabilities("ann", (1, 2, 3), at, (step / 10,), (step / 100,)),
+        Reliabilities("ann", "ann", (1, 2, 3), at, (step / 10,), (step / 100,)),
         Events(at, (f"line {step}",), ("INFO" if step % 2 else "WARN",)),
         Document("now", at[0], f"text {step}"),
         Picture("world", at[0], b"%d" % step),
@@ -51,7 +51,7 @@ def test_batches_of_one_curve_lane_or_log_become_one_and_nothing_else_changes() 
     assert ann == Lane("ann", steps, tuple(f"LEFT{step}" for step in range(5)))
     assert ben == Lane("ben", steps, tuple(f"UP{step}" for step in range(5)))
     shares = tuple(step / 10 for step in range(5)), tuple(step / 100 for step in range(5))
-    assert known == Reliabilities("ann", (1, 2, 3), steps, *shares)
+    assert known == Reliabilities("ann", "ann", (1, 2, 3), steps, *shares)
     levels = ("WARN", "INFO", "WARN", "INFO", "WARN")
     assert events == Events(steps, tuple(f"line {step}" for step in range(5)), levels)
     assert others == [row for row in rows if isinstance(row, Document | Picture)]

@@ -15,6 +15,7 @@ from services.monitor.status import (
     EPISODES,
     EPISODES_SHOWN,
     episodes_markdown,
+    event_of_episode,
     open_markdown,
     step_markdown,
 )
@@ -93,14 +94,14 @@ def test_agreement_is_the_share_of_single_labels_that_named_the_agents_action() 
     assert agreement.take() == []
 
 
-def test_a_lane_holds_each_label_until_the_step_after_it() -> None:
+def test_a_lane_holds_each_label_until_the_step_after_it_and_tells_whether_the_agent_did_it() -> None:
     lanes = curves.Lanes()
     said = {4: "UP", 5: "LEFT", 9: "DOWN"}
     for step in range(4, 12):
         labels = [("ada", said[step])] if step in said else []
         lanes.add(at(step, a_step("UP", *labels)), Moment(step, 0))
     steps = (4, 5, 6, 9, 10)
-    states = ("UP", "LEFT", "", "DOWN", "")
+    states = ("UP", "LEFT≠", "", "DOWN≠", "")
     assert lanes.take() == [Lane("ada", tuple(Moment(step, 0) for step in steps), states)]
     assert lanes.take() == []
 
@@ -186,7 +187,8 @@ def test_the_table_of_episodes_tells_the_latest_first_and_ends_with_the_last() -
     tables = [row for row in chronicle.take().curves if isinstance(row, Document) and row.entity == EPISODES]
     ended = [message for message in lesson if isinstance(message, Episode)]
     assert 1 < len(tables) < len(ended)
-    lines = tables[-1].markdown.splitlines()[2:]
+    assert tables[-1].markdown.splitlines()[:2] == ["### lesson · method sfid · 50 episodes", ""]
+    lines = tables[-1].markdown.splitlines()[4:]
     assert [int(line.split("|")[1]) for line in lines] == list(range(50, 50 - EPISODES_SHOWN, -1))
     last = ended[-1]
     expected = [
@@ -206,3 +208,13 @@ def test_how_things_stand_begins_with_the_name_of_the_session_and_where_it_is() 
     assert open_markdown(opened, None, 1.0, 0.0).startswith("**monday** · episode 1 of 3, step 0\n")
     assert step_markdown(learnt, opened).startswith("**monday** · episode 1 of 3, step 0\n")
     assert step_markdown(learnt, None).startswith("**monday** · episode 1, step 0\n")
+
+
+def test_the_line_of_an_unsolved_episode_does_not_call_a_longer_way_the_fewest() -> None:
+    ended = next(
+        each for each in Lesson(room=SOLUTION_ROOM, episodes=1).messages() if isinstance(each, Episode)
+    )
+    lost = msgspec.structs.replace(ended, steps=3, optimal_steps=5, outcome="deadlock")
+    solved = msgspec.structs.replace(lost, steps=7, outcome="solved")
+    assert event_of_episode(lost).startswith("episode 1 ended in a deadlock: 3 steps (to solve it takes 5), ")
+    assert event_of_episode(solved).startswith("episode 1 solved: 7 steps (fewest 5), ")

@@ -84,6 +84,17 @@ def test_who_errs_against_two_who_agree_is_found_less_reliable_and_one_alone_is_
     assert curves["ada"].errors[-1] < curves["ada"].errors[0]
 
 
+def test_the_legend_says_of_two_that_nothing_tells_who_of_them_errs_until_there_is_a_third() -> None:
+    reliability = Reliability(TeacherColours())
+    reliability.add(told(("ada", "UP"), ("ben", "LEFT"), at_s=0), Moment(0))
+    reliability.add(told(("ada", "UP"), ("ben", "UP"), at_s=2), Moment(1))
+    ada, ben = reliability.take()
+    assert (ada.label, ben.label) == tuple(f"{name} (of two: who errs is unknown)" for name in ("ada", "ben"))
+    assert (ada.means, ada.errors) == (ben.means, ben.errors)
+    reliability.add(told(("ada", "UP"), ("ben", "UP"), ("cyd", "DOWN"), at_s=4), Moment(2))
+    assert [row.label for row in reliability.take()] == ["ada", "ben", "cyd"]
+
+
 def test_an_aggregators_report_is_shown_as_it_is_once_a_second_at_most() -> None:
     reliability = Reliability(TeacherColours())
     worker = WorkerReliability(

@@ -100,7 +100,7 @@ AT = (Moment(1), Moment(2))
         (Curves("c", AT, np.zeros((2, 3))), 48 + 2 * MOMENT_BYTES),
         (Events(AT, ("abc", "de"), ("INFO", "INFO")), 5 + 2 * MOMENT_BYTES),
         (Lane("ada", AT, ("UP", "")), 2 * MOMENT_BYTES),
-        (Reliabilities("ada", (0, 0, 0), AT, (0.1, 0.2), (0.0, 0.0)), 2 * MOMENT_BYTES),
+        (Reliabilities("ada", "ada", (0, 0, 0), AT, (0.1, 0.2), (0.0, 0.0)), 2 * MOMENT_BYTES),
     ],
 )
 def test_a_row_weighs_what_it_holds(row: Row, more: int) -> None:

@@ -1,0 +1,70 @@
+"""The cards of all sessions: what a newcomer would take for something else."""
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+from numpy.lib.stride_tricks import sliding_window_view
+
+from protocol.messages import Decision
+from services import tiles
+from services.monitor import font
+from services.monitor.overview import MUTED, draw_overview, glance
+from services.monitor.rows import Indexed, Moment, Picture
+from services.monitor.session_view import SessionView
+from tests.services.monitor.feeder import Lesson
+
+ON_GOAL = "#####\n#+$ #\n#####"
+OFF_GOAL = "#####\n#@$.#\n#####"
+
+
+def opened(phase: str, view: str = OFF_GOAL) -> SessionView:
+    """Return a session at its very first decision."""
+    first = next(message for message in Lesson(episodes=30).messages() if isinstance(message, Decision))
+    shown = SessionView(0.0)
+    opening: Decision = msgspec.structs.replace(first, phase=phase, view=view)
+    shown.take(opening, 10.0)
+    return shown
+
+
+def card(view: SessionView) -> Picture:
+    return draw_overview([glance("monday", view, 11.0)], Moment(0))
+
+
+def colours_of(picture: Picture) -> npt.NDArray[np.uint8]:
+    assert isinstance(picture.image, Indexed)
+    return picture.image.palette[picture.image.indexes]
+
+
+def is_written(picture: Picture, text: str) -> bool:
+    """Tell whether the words stand somewhere in the picture, small and muted."""
+    assert isinstance(picture.image, Indexed)
+    canvas = np.zeros((font.HEIGHT, font.width_of(text)), np.uint8)
+    font.write(canvas, text, (0, 0), 1, 1)
+    muted = (picture.image.indexes == len(tiles.palette()) + MUTED).astype(np.uint8)
+    return bool((sliding_window_view(muted, canvas.shape) == canvas).all(axis=(2, 3)).any())
+
+
+def count(picture: Picture, letter: str) -> int:
+    rgb = [int(tiles.COLOURS[letter][at : at + 2], 16) for at in (1, 3, 5)]
+    return int((colours_of(picture) == rgb).all(axis=2).sum())
+
+
+def test_a_session_that_has_not_begun_is_not_said_to_be_in_its_first_episode() -> None:
+    waiting, going_on = card(opened("gathering")), card(opened("asking"))
+    assert is_written(waiting, "not begun, 30 episodes")
+    assert not is_written(waiting, "episode 1 of 30")
+    assert is_written(going_on, "episode 1 of 30")
+
+
+def test_a_goal_below_the_agent_is_seen() -> None:
+    picture, nothing = card(opened("asking", ON_GOAL)), card(opened("asking", "no board"))
+    assert count(picture, "g") > count(nothing, "g"), "more than the key below the cards"
+    assert count(picture, "r") > count(nothing, "r")
+
+
+def test_the_colours_of_the_boards_are_told_below_the_cards() -> None:
+    picture = card(opened("asking", "#######\n#     #\n#######".replace("     ", "@$.* ")))
+    assert isinstance(picture.image, Indexed)
+    last = picture.image.indexes[-16:]
+    for letter in "rwgh":
+        assert tiles.colour_number(letter) in last, letter

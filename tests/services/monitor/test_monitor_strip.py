@@ -1,0 +1,107 @@
+"""The strip of what teachers said: of the same moment as the board above it, in colours of its own."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rerun.chunk import RrdReader
+
+from protocol.messages import Decision, Step
+from services.monitor.rows import Indexed, Lane, Moment, Picture
+from services.monitor.scene import TEACHER_COLOURS
+from services.monitor.session_view import SessionView
+from services.monitor.writer import AGREED_COLOUR, DIFFERED_COLOUR
+from tests.services.monitor.feeder import Lesson
+from tests.services.monitor.rrd_rows import rows_of
+from tests.services.monitor.test_monitor_palette import PALETTE, PIXELS, written
+
+STATE = "StateChange:state"
+
+
+def watched(view: SessionView, *messages: Decision | Step, from_s: float) -> list[Picture]:
+    """Tell messages a second apart; return the pictures of the world that viewers are sent."""
+    shown = []
+    for number, message in enumerate(messages):
+        now_s = from_s + number
+        view.take(message, now_s)
+        shown += [row for row in view.tick(now_s).live.scene if row.entity == "world"]
+    return shown
+
+
+def test_what_was_said_comes_with_the_picture_it_was_said_on_and_ends_with_the_next() -> None:
+    messages = [each for each in Lesson(episodes=2).messages() if isinstance(each, Decision | Step)]
+    at = next(number for number, each in enumerate(messages) if isinstance(each, Step) and len(each.said) > 1)
+    view = SessionView(0.0)
+    step, decision = messages[at], messages[at + 1]
+    assert isinstance(step, Step)
+    before, picture, after = watched(view, messages[at - 1], step, decision, from_s=100.0)
+    moment = picture.moment
+    assert before.lanes == ()
+    assert picture.lanes == tuple(
+        Lane(said.teacher, (moment,), (f"{said.action}{'' if said.action == step.action else '≠'}",))
+        for said in step.said
+    )
+    assert moment.step == step.decision
+    assert set(after.lanes) == {Lane(said.teacher, (after.moment,), ("",)) for said in step.said}
+    assert after.moment.step == step.decision + 1
+
+
+def test_the_past_and_the_count_down_bring_no_words() -> None:
+    view = SessionView(0.0, past=True)
+    steps = [each for each in Lesson(episodes=1).messages() if isinstance(each, Step) and each.said]
+    assert [picture.lanes for picture in watched(view, *steps[:3], from_s=10.0)] == [(), (), ()]
+
+
+def test_a_teacher_without_a_lane_has_none_with_a_picture_either() -> None:
+    everybody = [(f"t{number:02}", 1.0) for number in range(12)]
+    view = SessionView(0.0)
+    steps = [each for each in Lesson(episodes=1, teachers=everybody).messages() if isinstance(each, Step)]
+    named = {lane.teacher for picture in watched(view, *steps, from_s=10.0) for lane in picture.lanes}
+    assert 0 < len(named) <= 8
+
+
+def test_words_are_written_in_the_stream_of_their_picture(tmp_path: Path) -> None:
+    at = Moment(4, 7, 1)
+    lanes = (Lane("ada", (at,), ("UP",)), Lane("ben", (at,), ("LEFT≠",)))
+    path = written(tmp_path / "a.rrd", Picture("world", at, Indexed(PIXELS, PALETTE), (), lanes))
+    times = {"step": 4, "wall": 7, "episode": 1}
+    assert rows_of(path, "teachers/ada", STATE) == [(times, ["UP"])]
+    assert rows_of(path, "teachers/ben", STATE) == [(times, ["LEFT≠"])]
+
+
+def test_each_word_has_a_sign_and_the_colour_of_agreement_or_grey_and_never_a_teachers(
+    tmp_path: Path,
+) -> None:
+    at = Moment(4)
+    lanes = (Lane("ada", (at,), ("UP",)), Lane("ada", (Moment(5),), ("PICKUP≠",)))
+    path = written(tmp_path / "a.rrd", Picture("world", at, Indexed(PIXELS, PALETTE), (), lanes))
+    first, last = configurations(path, "teachers/ada")
+    signs = {"LEFT": "←", "RIGHT": "→", "UP": "↑", "DOWN": "↓"}
+    expected = {
+        action + end: (sign, colour)
+        for action, sign in signs.items()
+        for end, colour in (("", AGREED_COLOUR), ("≠", DIFFERED_COLOUR))
+    }
+    assert first == expected
+    assert last == expected | {
+        "PICKUP": ("PICKUP", AGREED_COLOUR), "PICKUP≠": ("PICKUP", DIFFERED_COLOUR)
+    }  # fmt: skip
+    for colour in (AGREED_COLOUR, DIFFERED_COLOUR):
+        near = [np.abs(np.subtract(colour, teacher)).max() for teacher in TEACHER_COLOURS]
+        assert min(near) > 30
+
+
+def configurations(path: Path, entity: str) -> list[dict[str, tuple[str, tuple[int, ...]]]]:
+    """How a lane's states are written, each time that it was said."""
+    found = []
+    for chunk in RrdReader(path).stream().to_chunks():
+        batch = chunk.to_record_batch()
+        if chunk.entity_path != f"/{entity}" or "StateConfiguration:values" not in batch.schema.names:
+            continue
+        columns: list[list[Any]] = [
+            batch.column(f"StateConfiguration:{name}").to_pylist() for name in ("values", "labels", "colors")
+        ]
+        for values, labels, colours in zip(*columns, strict=True):
+            rgb = [tuple(colour.to_bytes(4, "big")[:3]) for colour in colours]
+            found.append(dict(zip(values, zip(labels, rgb, strict=True), strict=True)))
+    return found
