@@ -1,0 +1,122 @@
+"""Two who teach under one name at once: the second one is told, and a teacher who comes again is not."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from protocol.keys import Keys
+from protocol.messages import Join, Welcome
+from services.client import Client, Opened, Refused, Update, Welcomed
+from services.outbox import Outbox
+from services.runtime.memory_bus import MemoryBus
+from tests.services.learner.classroom import KEYS, MS, Classroom, Pupil
+from tests.services.learner.guarded_room import GuardedRoom
+
+TAKEN = "somebody teaches s1 as ann already: choose another --name, or wait until they have left"
+
+
+class Program:
+    """A client on a bus of its own, which it loses when it is killed."""
+
+    def __init__(self, room: Classroom, name: str = "ann", token: str | None = None) -> None:
+        self.room, self.bus = room, MemoryBus(room.hub)
+        self.client = Client(
+            self.bus, Keys("local"), "s1", name, outbox=Outbox(), clock=room.clock, token=token
+        )
+        self.client.__enter__()
+
+    def watch(self, milliseconds: int = 0) -> list[Update]:
+        """Let some time pass, and return what came of it."""
+        found: list[Update] = []
+        for _ in range(1 + milliseconds // 50):
+            self.room.settle()
+            while (update := self.client.next(0)) is not None:
+                found.append(update)
+                self.room.settle()
+            self.room.clock.advance(50 * MS)
+        return found
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> Iterator[Classroom]:
+    made = Classroom(tmp_path / "data")
+    made.create()
+    yield made
+    made.shard.discard_pending()
+    made.shard.close()
+
+
+def kinds(updates: list[Update]) -> set[type[Update]]:
+    return {type(update) for update in updates} & {Refused, Welcomed, Opened}
+
+
+def test_the_second_of_a_name_is_told_and_not_asked_until_the_first_has_left(room: Classroom) -> None:
+    first = Program(room)
+    assert kinds(first.watch()) == {Welcomed, Opened}
+    second = Program(room)
+    told = second.watch(2_000)
+    assert {update for update in told if isinstance(update, Refused)} == {
+        Refused("conflict", TAKEN, final=False)
+    }
+    assert kinds(told) == {Refused}
+    assert (room.present(), kinds(first.watch(2_000))) == (("ann",), set())
+    first.client.close()
+    assert kinds(second.watch(2_000)) == {Welcomed, Opened}
+    assert room.present() == ("ann",)
+    second.client.close()
+    room.settle()
+    assert room.present() == ()
+
+
+@pytest.mark.parametrize("seen_to_die", [True, False])
+def test_a_teacher_who_was_killed_comes_back_whether_or_not_it_was_seen(
+    room: Classroom, *, seen_to_die: bool
+) -> None:
+    killed = Program(room)
+    assert kinds(killed.watch()) == {Welcomed, Opened}
+    leave: Callable[[], None] = killed.bus.close
+    if seen_to_die:
+        leave()
+        room.settle()
+    again = Program(room)
+    came = again.watch()
+    assert kinds(came) == ({Welcomed, Opened} if seen_to_die else {Refused})
+    if not seen_to_die:
+        leave()
+        assert kinds(again.watch(2_000)) == {Welcomed, Opened}
+    assert room.present() == ("ann",)
+
+
+def test_a_teacher_who_was_cut_off_or_whose_learner_died_is_not_taken_for_another(room: Classroom) -> None:
+    ann = Program(room)
+    assert kinds(ann.watch()) == {Welcomed, Opened}
+    ann.bus.set_online(online=False)
+    room.settle()
+    ann.bus.set_online(online=True)
+    assert Refused not in kinds(ann.watch(2_000))
+    assert room.present() == ("ann",)
+    room.kill_learner()
+    room.start_learner()
+    assert Refused not in kinds(ann.watch(2_000))
+    assert room.present() == ("ann",)
+
+
+def test_a_program_that_does_not_say_which_run_it_is_is_let_in_as_before(room: Classroom) -> None:
+    assert kinds(Program(room).watch()) == {Welcomed, Opened}
+    assert isinstance(Pupil(room, "ann").join(client="sfid page"), Welcome)
+    assert isinstance(Pupil(room, "ann").join(client="mine#1"), Welcome)
+    assert (
+        room.refused(KEYS.join("s1", "ann"), Join(session="s1", teacher="ann", client="mine#2")).reason
+        == TAKEN
+    )
+
+
+def test_whoever_has_the_token_is_one_person_at_two_screens(tmp_path: Path) -> None:
+    guarded = GuardedRoom(tmp_path / "data")
+    guarded.create()
+    token = guarded.token("ann")
+    assert kinds(Program(guarded, token=token).watch()) == {Welcomed, Opened}
+    assert kinds(Program(guarded, token=token).watch()) == {Welcomed, Opened}
+    guarded.shard.discard_pending()
+    guarded.shard.close()
