@@ -12,7 +12,7 @@ from rich.console import Console
 
 from protocol.codec import DecodeError, decode, encode
 from protocol.keys import KeyNameError, Keys, checked
-from protocol.messages import CreateSession, GymWorld, WindowSpec, World
+from protocol.messages import CreateSession, GymWorld, SessionList, WindowSpec, World
 from protocol.translate import config_of
 from services.cli.failure import NOT_SO, CommandError
 from services.cli.gym_options import Gym, GymActions, GymOption, GymRender, RewardScale, gym_world
@@ -205,21 +205,22 @@ def create(  # noqa: PLR0917 - one argument a flag
         before = asked.sessions()
         asked.create(created)
     next_ = partial(suggested, connect=connect, deployment=deployment, access=access)
-    known = any(row.session == name for row in before.sessions)
-    unsure = None if known else lacking(before, next_("status"))
-    if unsure is not None:
-        print(unsure, file=sys.stderr)
-    print(_created_line(name, config.method, next_, _how_it_came(known, whole=unsure is None)))
+    print(_created_line(name, config.method, next_, _how_it_came(name, before, next_("status"))))
     if condition is not None and METHODS[config.method].asks:
         as_there = experiment_words(condition.config, config)
         for command in scripted_commands(condition.teachers, name):
             print(f"{as_there}: {next_(command)}")
 
 
-def _how_it_came(known: bool, *, whole: bool) -> str:
-    if known:
+def _how_it_came(name: str, before: SessionList, status: str) -> str:
+    """Return whether a session is new; where not all was told of what there was, say so on stderr."""
+    if any(row.session == name for row in before.sessions):
         return "was there already, just so"
-    return "created" if whole else "created, or was there already, just so"
+    unsure = lacking(before, status)
+    if unsure is None:
+        return "created"
+    print(unsure, file=sys.stderr)
+    return "created, or was there already, just so"
 
 
 def _created_line(name: str, method: str, next_: Callable[[str], str], said: str) -> str:

@@ -28,6 +28,7 @@ from protocol.messages import (
 from services.client.answered import Answered, answered_with
 from services.client.checks import check_fits
 from services.client.delivery import FAR_NS, Delivery, HandleReply
+from services.client.presence import OwnPresence
 from services.client.updates import (
     AnswerState,
     AnswerUpdate,
@@ -52,7 +53,7 @@ how the session stands."""
 INBOX_MAX = 4096
 """Messages that wait for `next`; a slower caller loses some, and gets the newest state by joining again."""
 
-_FINAL, _NOBODY = frozenset({"denied", "invalid", "malformed", "conflict"}), (-1, -1)
+_FINAL, _NOBODY = frozenset({"denied", "invalid", "malformed"}), (-1, -1)
 _CHANCE = secrets.SystemRandom()
 
 
@@ -101,7 +102,7 @@ class Client:
         self._join_due_ns: int | None = None
         self._join_attempts = self._heard_ns = 0
         self._missed = self._closed = self._denied = False
-        self._withdraw: Callable[[], None] | None = None
+        self._presence = OwnPresence(bus, keys.present(self.session, self.teacher), chance)
         self._wants_measures, self._watches_measures = measures, False
 
     def __enter__(self) -> Self:
@@ -110,7 +111,7 @@ class Client:
         bus.subscribe(keys.decision(self.session), partial(self._receive, self._on_decision))
         if self._wants_measures:
             self.watch_measures()
-        self._withdraw = bus.announce(keys.present(self.session, self.teacher))
+        self._presence.show()
         bus.on_connection(lambda connected: self._inbox.put((self._on_connection, connected)))
         self._ask_to_join()
         return self
@@ -127,8 +128,7 @@ class Client:
         """
         if not self._closed:
             self._closed = True
-            if self._withdraw is not None:
-                self._withdraw()
+            self._presence.end()
             self._inbox.put((lambda _: None, None))  # wakes a waiting `next`
 
     def watch_measures(self) -> None:
@@ -258,7 +258,7 @@ class Client:
 
     def _take(self, decision: Decision, received_ns: int) -> None:
         position = (decision.epoch, decision.sequence)
-        if position <= self._newest:
+        if position <= self._newest or self._presence.hidden:
             return
         self._newest = position
         self._current = Opened(decision, received_ns)
@@ -308,9 +308,8 @@ class Client:
         self._join_due_ns = None
         self._join_attempts += 1
         self._heard_ns = self._clock.now_ns()
-        message = Join(
-            session=self.session, teacher=self.teacher, client="services.client", token=self._token
-        )
+        program = self._presence.program
+        message = Join(session=self.session, teacher=self.teacher, client=program, token=self._token)
         self._ask(self._keys.join(self.session, self.teacher), encode(message), self._on_join_reply)
 
     def _on_join_reply(self, reply: Reply | None) -> None:
@@ -335,6 +334,7 @@ class Client:
     def _on_refusal(self, refusal: Refusal) -> None:
         final = refusal.code in _FINAL
         self._updates.append(Refused(refusal.code, refusal.reason, final))
+        self._presence.refused(refusal.code)
         if not final:
             self._join_soon()
 
@@ -348,6 +348,7 @@ class Client:
             self._cannot_join("who answers has not the key that came with the token: it is not your learner")
             return
         self._join_attempts = 0
+        self._presence.show()
         self._delivery.check_key = welcome.check_key
         if welcome.epoch < self._newest[0]:
             # Another journal: the session was created anew, and what was seen before is of another world.

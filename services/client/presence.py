@@ -1,0 +1,49 @@
+"""Whether a teacher is announced: the token that says so, shown and taken back."""
+
+from collections.abc import Callable
+from random import Random
+
+from services.runtime.bus import Bus
+
+
+class OwnPresence:
+    """The presence of one teacher, from `show` to `hide`; neither does anything twice.
+
+    Args: chance: draws what tells this run of the program from others.
+    """
+
+    def __init__(self, bus: Bus, key: str, chance: Random) -> None:
+        self.program = f"services.client#{chance.randbytes(4).hex()}"
+        """What it calls itself when it joins: by this the learner tells it from others of the name."""
+        self.hidden = False
+        """Whether somebody else is there under the name, so that this teacher is not asked."""
+        self._bus, self._key = bus, key
+        self._withdraw: Callable[[], None] | None = None
+        self._ended = False
+
+    def show(self) -> None:
+        """Say that the teacher is there."""
+        self.hidden = False
+        if self._withdraw is None and not self._ended:
+            self._withdraw = self._bus.announce(self._key)
+
+    def hide(self) -> None:
+        """Say so no longer.
+
+        The learner sees somebody gone when nobody of the name is announced: whoever waits for the end of a
+        former life of their own must not be.
+        """
+        self.hidden = True
+        withdraw, self._withdraw = self._withdraw, None
+        if withdraw is not None:
+            withdraw()
+
+    def refused(self, code: str) -> None:
+        """Hide where somebody else is there under the name: joining was refused for it."""
+        if code == "conflict":
+            self.hide()
+
+    def end(self) -> None:
+        """Say so never again."""
+        self._ended = True
+        self.hide()
