@@ -7,7 +7,7 @@ from services.monitor import curves, doubt_pictures, overview, policy, scene
 from services.monitor.status import EPISODES, NOW
 
 BACKGROUND = (11, 13, 18)
-LANES_SHOWN = 30
+LANES_SHOWN, LANES_SHOWN_NARROW = 30, 15
 """Steps that the lanes of labels show: few enough for each to have its sign."""
 
 
@@ -36,7 +36,10 @@ def _live() -> rrb.Vertical:
         *_measures(), _plot(curves.AGREEMENT, agreement, span=(0.0, 1.05)), _reliability(), grid_columns=2
     )
     texts = rrb.Horizontal(
-        rrb.TextDocumentView(origin=f"/{NOW}", name="Now"), _events(), _lanes(), column_shares=[3, 5, 6]
+        rrb.TextDocumentView(origin=f"/{NOW}", name="Now"),
+        _events(),
+        _lanes(LANES_SHOWN),
+        column_shares=[3, 5, 6],
     )
     return rrb.Vertical(
         rrb.Horizontal(pictures, plots, column_shares=[5, 8]), texts, row_shares=[4.6, 1.4], name="Live"
@@ -55,7 +58,7 @@ def _teachers() -> rrb.Horizontal:
         ),
         rrb.Horizontal(
             rrb.TextDocumentView(origin=f"/{doubt_pictures.LIST}", name="Why to look at these states again"),
-            _lanes(),
+            _lanes(LANES_SHOWN_NARROW),
             column_shares=[3, 2],
         ),
         row_shares=[9, 5],
@@ -108,9 +111,9 @@ def _reliability() -> rrb.TimeSeriesView:
     return _plot("reliability", name, span=(0.0, 1.05), legend=True)
 
 
-def _lanes() -> rrb.StateTimelineView:
+def _lanes(steps: int) -> rrb.StateTimelineView:
     shown = rr.TimeRange(
-        start=rr.TimeRangeBoundary.cursor_relative(seq=-LANES_SHOWN),
+        start=rr.TimeRangeBoundary.cursor_relative(seq=-steps),
         end=rr.TimeRangeBoundary.cursor_relative(seq=2),
     )
     axis = rrb.archetypes.TimeAxis(link="Independent", view_range=shown)
