@@ -49,7 +49,7 @@ def _live() -> rrb.Vertical:
 def _teachers() -> rrb.Horizontal:
     left = rrb.Vertical(
         _picture(doubt_pictures.CONFLICTS, "Where teachers disagree · dark: never · bright: most often"),
-        _reliability(),
+        _reliability_named(),
     )
     right = rrb.Vertical(
         _picture(
@@ -73,11 +73,10 @@ def _sessions() -> rrb.Vertical:
 
 
 def _events() -> rrb.TextLogView:
-    return rrb.TextLogView(
-        origin="/events",
-        name="Events, newest last",
-        columns=rrb.TextLogColumns(timeline_columns=["step"], text_log_columns=["body"]),
-    )
+    # The column of steps would be too narrow for them; without a column named the viewer shows every one.
+    steps = rrb.encodings.TimelineColumn("step", visible=False)
+    columns = rrb.TextLogColumns(timeline_columns=[steps], text_log_columns=["body"])
+    return rrb.TextLogView(origin="/events", name="Events, newest last", columns=columns)
 
 
 def _picture(entity: str, name: str) -> rrb.Spatial2DView:
@@ -87,7 +86,9 @@ def _picture(entity: str, name: str) -> rrb.Spatial2DView:
 def _measures() -> list[rrb.TimeSeriesView]:
     """The founding paper's four measures of each episode."""
     return [
-        _plot(curves.STEPS, f"Steps · bright: mean of {curves.STEPS_AVERAGED} episodes · grey: fewest"),
+        _plot(
+            curves.STEPS, f"Steps of each episode · bright: mean of {curves.STEPS_AVERAGED} · grey: fewest"
+        ),
         _plot(curves.RETURN, "Return · green: with teachers' part · grey: without"),
         _plot(curves.TD_ERROR, "Mean |TD error| · pale: with teachers' part (Eq. 4)"),
         _plot(curves.INPUTS, "Teacher inputs of each episode"),
@@ -107,8 +108,14 @@ def _plot(
 
 
 def _reliability() -> rrb.TimeSeriesView:
+    name = "Reliability ± 1 σ, judged by each other · colours as in World"
+    return _plot("reliability", name, span=(0.0, 1.05))
+
+
+def _reliability_named() -> rrb.TimeSeriesView:
+    """With the names below the curves: no reliability is less than nothing."""
     name = "Teachers' reliability ± 1 σ, judged by each other"
-    return _plot("reliability", name, span=(0.0, 1.05), legend=True)
+    return _plot("reliability", name, span=(-0.4, 1.05), legend=True)
 
 
 def _lanes(steps: int) -> rrb.StateTimelineView:
@@ -122,6 +129,6 @@ def _lanes(steps: int) -> rrb.StateTimelineView:
 
 
 def _table() -> rrb.Horizontal:
-    table = rrb.TextDocumentView(origin=f"/{EPISODES}", name="The latest episodes, newest first")
+    table = rrb.TextDocumentView(origin=f"/{EPISODES}", name="The latest episodes, newest last")
     plots = rrb.Grid(*_measures(), grid_columns=2)
     return rrb.Horizontal(table, plots, column_shares=[5, 8], name="Episodes")

@@ -99,7 +99,7 @@ class Chronicle:
             moment = Moment(episode.decision, wall_ns, episode.episode)
             if self._line.due(episode.at_ns):
                 self.note(event_of_episode(episode), moment)
-            self._latest.appendleft(episode)
+            self._latest.append(episode)
             if self._table.due(episode.at_ns) or self._is_last(episode.episode):
                 heading = None if self.decision is None else heading_of(self.decision)
                 self._rows.curves.append(Document(EPISODES, moment, episodes_markdown(self._latest, heading)))
@@ -117,6 +117,10 @@ class Chronicle:
     def has_lane(self, teacher: str) -> bool:
         """Tell whether what this teacher says is shown as a lane."""
         return self._lanes.has(teacher)
+
+    def of_two(self) -> bool:
+        """Tell whether there are two teachers alone, of whom nobody else tells how reliable they are."""
+        return not self._crowds and self._reliability.of_two()
 
     def take(self) -> Rows:
         """Return the rows since the last call."""
@@ -169,7 +173,9 @@ class Chronicle:
         if (self._spoken if spoken else self._picture).due(step.at_ns):
             for frame in frames_of_step(step, moment.wall_ns):
                 self._rows.scene.append(draw_world(frame, self.colours))
-            self._rows.curves.append(Document(NOW, moment, step_markdown(step, self.decision)))
+            self._rows.curves.append(
+                Document(NOW, moment, step_markdown(step, self.decision, of_two=self.of_two()))
+            )
         if board and self._policy.due(step.at_ns):
             self._rows.scene.append(draw_policy(read_view(step.view), self.mirror, moment))
         if self._doubts_changed and (self._doubt.due(step.at_ns) or (ended and self._is_last(step.episode))):

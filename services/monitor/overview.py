@@ -27,6 +27,7 @@ SILENT_S = 20.0
 LOST_EPISODES = 5
 KEY = (("r", "agent"), ("w", "box"), ("g", "goal"), ("h", "box on goal"))
 """What stands on the small boards: colour, and its name."""
+DOTTED = "dotted: fewest steps to solve"
 HINT = "another session: the first square top right lists them"
 """The viewer's list of recordings is closed at first: with one session it shows nothing."""
 
@@ -55,6 +56,7 @@ class Glance:
     steps: tuple[int, ...]
     """Of the latest episodes."""
     fewest: int | None
+    solved: bool
     agreement: float
     teachers: tuple[tuple[str, Colour], ...]
     present: int
@@ -71,6 +73,7 @@ def glance(session: str, view: SessionView, now_s: float) -> Glance:
         session, view.view, state, stuck, view.has_begun, episode, episodes,
         tuple(each.steps for each in view.recent),
         view.recent[-1].optimal_steps if view.recent else None,
+        bool(view.recent) and view.recent[-1].outcome == "solved",
         view.chronicle.agreement.share(),
         tuple((name, view.chronicle.colours.known(name)) for name in names[:NAMES_MAX]),
         0 if decision is None else decision.teachers_present,
@@ -111,7 +114,7 @@ def draw_overview(glances: Sequence[Glance], moment: Moment, unshown: int = 0) -
     shown = ordered[:SHOWN_MAX]
     columns = 1 if len(shown) == 1 else 2 if len(shown) <= 4 else 3 if len(shown) <= 9 else 4
     rows = -(-len(shown) // columns)
-    below = [HINT] * (len(glances) > 1)
+    below = [DOTTED] * any(each.fewest is not None for each in shown) + [HINT] * (len(glances) > 1)
     below += [f"and {unshown} more that are not shown"] * (unshown > 0)
     height, width = rows * (CARD_HEIGHT + GAP) + GAP, columns * (CARD_WIDTH + GAP) + GAP
     canvas = np.zeros((height + (1 + len(below)) * LINE_HEIGHT, width), np.uint8)
@@ -140,14 +143,20 @@ def _draw_card(card: Indexes, each: Glance) -> None:
         progress = f"not begun, {each.episodes} episodes"
     font.write(side, progress, (26, 0), _BASE + MUTED, 1)
     _draw_bar(side[34:40], min(1.0, each.episode / max(1, each.episodes)), _BASE + GOOD)
-    fewest = "" if each.fewest is None else f", fewest {each.fewest}"
-    last = each.steps[-1] if each.steps else "-"
-    font.write(side, f"steps {last}{fewest}", (46, 0), _BASE + STEPS, 1)
+    font.write(side, _steps(each), (46, 0), _BASE + STEPS, 1)
     _draw_line(side[54:82], each.steps, each.fewest)
     share = "-" if isnan(each.agreement) else f"{each.agreement:.0%}"
     font.write(side, f"labels that agree {share}", (88, 0), _BASE + AGREE, 1)
     _draw_bar(side[96:102], 0.0 if isnan(each.agreement) else each.agreement, _BASE + AGREE)
     _draw_teachers(card[CARD_HEIGHT - 20 : CARD_HEIGHT - 6, 12 : BOARD_SIDE + 24], each)
+
+
+def _steps(each: Glance) -> str:
+    """Of the last episode: beside one that was not solved, fewer steps than the fewest would be a riddle."""
+    if not each.steps:
+        return "no episode done"
+    fewest = "" if each.fewest is None else f", fewest {each.fewest}"
+    return f"steps {each.steps[-1]}{fewest if each.solved else ', unsolved'}"
 
 
 def _draw_key(part: Indexes) -> None:

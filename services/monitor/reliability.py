@@ -42,11 +42,14 @@ class Reliability:
             return
         self._aggregate.learn(labels)
         if self._pace.due(step.at_ns):
-            teachers = tuple(self._aggregate.workers())
-            end = OF_TWO if len(teachers) == 2 else ""
-            for teacher in teachers:
+            end = OF_TWO if self.of_two() else ""
+            for teacher in self._aggregate.workers():
                 known = self._aggregate.reliability(teacher)
                 self._note(teacher, teacher + end, (moment, known.mean, known.standard_error))
+
+    def of_two(self) -> bool:
+        """Tell whether two were compared with each other, and with nobody else."""
+        return len(self._aggregate.workers()) == 2
 
     def add_crowd(self, crowd: Crowd, moment: Moment) -> None:
         """Take over what an aggregator has found out about its workers."""

@@ -289,7 +289,14 @@ class SessionView:
 
     def _tell_status(self, rows: Rows, now_s: float) -> None:
         waited_s = now_s - self.decided_s
-        text = open_markdown(self.decision, self.report, self.left_s(now_s), waited_s, self._teach)
+        text = open_markdown(
+            self.decision,
+            self.report,
+            self.left_s(now_s),
+            waited_s,
+            self._teach,
+            of_two=self.chronicle.of_two(),
+        )
         if text != self._told:
             self._told = text
             rows.curves.append(Document(NOW, self.chronicle.moment, text))

@@ -20,7 +20,9 @@ BAR = 10
 """Squares of the count-down."""
 NOW = "now"
 EPISODES = "episodes"
-EPISODES_SHOWN = 40
+EPISODES_SHOWN = 24
+"""As many as a window shows at once: the newest is the last of them, as in the events."""
+OF_TWO = "two teachers alone: where they differ, nothing tells which of them errs"
 ENDS = {"solved": "solved", "deadlock": "ended in a deadlock", "cap": "gave up", "running": "stopped"}
 
 
@@ -30,11 +32,14 @@ def open_markdown(
     left_s: float | None,
     waited_s: float,
     teach: str = TEACH,
+    *,
+    of_two: bool = False,
 ) -> str:
     """Return how the session stands at this moment.
 
     Args: left_s: seconds until the open window closes, None without a deadline; waited_s: seconds since the
-    learner last said anything; teach: how a session is taught here, as `MonitorConfig.teach`.
+    learner last said anything; teach: how a session is taught here, as `MonitorConfig.teach`;
+    of_two: the teachers are two, judged by each other.
     """
     if decision is None:
         return "\n\n".join(_standing(report, teach))
@@ -42,11 +47,11 @@ def open_markdown(
     lines = [_heading(decision, decision.step), phase]
     window = f"window {decision.window.span_ms / 1000:g} s, {WINDOWS[decision.window.mode]}"
     lines += [_present(decision), f"method **{decision.method}** · {window}"]
-    lines += _hint(decision.phase, decision.session, teach)
+    lines += [OF_TWO] * of_two + _hint(decision.phase, decision.session, teach)
     return "\n\n".join(lines)
 
 
-def step_markdown(step: Step, decision: Decision | None) -> str:
+def step_markdown(step: Step, decision: Decision | None, *, of_two: bool = False) -> str:
     """Return what a learnt step was: what was said, done and learnt."""
     of = "" if decision is None else f" of {decision.episodes}"
     heading = f"**{step.session}** · episode {step.episode + 1}{of}, step {step.step}"
@@ -58,6 +63,7 @@ def step_markdown(step: Step, decision: Decision | None) -> str:
     else:
         lines.append("nobody said anything")
     lines.append(f"reward {step.reward:+g} · TD error {step.td_error:+.3f}")
+    lines += [OF_TWO] * of_two
     return "\n\n".join(lines)
 
 
@@ -80,7 +86,7 @@ def heading_of(decision: Decision) -> str:
     return f"### {decision.session} · method {decision.method} · {_counted(decision.episodes, 'episode')}"
 
 
-def episodes_markdown(latest_first: Iterable[Episode], heading: str | None = None) -> str:
+def episodes_markdown(episodes: Iterable[Episode], heading: str | None = None) -> str:
     """Return finished episodes as a table, below its heading."""
     head = (
         "| episode | steps | fewest to solve | return | mean abs. TD error | teacher inputs | how it ended |"
@@ -89,7 +95,7 @@ def episodes_markdown(latest_first: Iterable[Episode], heading: str | None = Non
         f"| {episode.episode + 1} | {episode.steps} | {'' if fewest is None else fewest} "
         f"| {episode.discounted_return:+.2f} | {episode.abs_td_error:.3f} | {episode.inputs} "
         f"| {ENDS[episode.outcome]} |"
-        for episode in latest_first
+        for episode in episodes
         for fewest in (episode.optimal_steps,)
     ]
     above = [] if heading is None else [heading, ""]

@@ -180,7 +180,7 @@ def test_the_policy_dims_all_but_boxes_and_what_is_known() -> None:
                 assert np.array_equal(cell, as_it_is + tiles.DIMMED), (row, column)
 
 
-def test_the_table_of_episodes_tells_the_latest_first_and_ends_with_the_last() -> None:
+def test_the_table_of_episodes_ends_with_the_newest_as_the_events_do() -> None:
     chronicle, lesson = Chronicle(), list(Lesson(room=SOLUTION_ROOM, episodes=50).messages())
     for message in lesson:
         chronicle.tell(message)
@@ -189,13 +189,13 @@ def test_the_table_of_episodes_tells_the_latest_first_and_ends_with_the_last() -
     assert 1 < len(tables) < len(ended)
     assert tables[-1].markdown.splitlines()[:2] == ["### lesson · method sfid · 50 episodes", ""]
     lines = tables[-1].markdown.splitlines()[4:]
-    assert [int(line.split("|")[1]) for line in lines] == list(range(50, 50 - EPISODES_SHOWN, -1))
+    assert [int(line.split("|")[1]) for line in lines] == list(range(51 - EPISODES_SHOWN, 51))
     last = ended[-1]
     expected = [
         "50", str(last.steps), str(last.optimal_steps), f"{last.discounted_return:+.2f}",
         f"{last.abs_td_error:.3f}", str(last.inputs), "solved",
     ]  # fmt: skip
-    assert [cell.strip() for cell in lines[0].strip("|").split("|")] == expected
+    assert [cell.strip() for cell in lines[-1].strip("|").split("|")] == expected
     unknown = episodes_markdown([msgspec.structs.replace(last, optimal_steps=None, outcome="cap")])
     assert unknown.splitlines()[2].split("|")[3].strip() == ""
     assert "gave up" in unknown

@@ -5,10 +5,10 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
-from protocol.messages import Decision
+from protocol.messages import Decision, Episode
 from services import tiles
 from services.monitor import font
-from services.monitor.overview import MUTED, draw_overview, glance
+from services.monitor.overview import DOTTED, MUTED, STEPS, draw_overview, glance
 from services.monitor.rows import Indexed, Moment, Picture
 from services.monitor.session_view import SessionView
 from tests.services.monitor.feeder import Lesson
@@ -35,13 +35,13 @@ def colours_of(picture: Picture) -> npt.NDArray[np.uint8]:
     return picture.image.palette[picture.image.indexes]
 
 
-def is_written(picture: Picture, text: str) -> bool:
-    """Tell whether the words stand somewhere in the picture, small and muted."""
+def is_written(picture: Picture, text: str, scale: int = 1, colour: int = MUTED) -> bool:
+    """Tell whether the words stand somewhere in the picture."""
     assert isinstance(picture.image, Indexed)
-    canvas = np.zeros((font.HEIGHT, font.width_of(text)), np.uint8)
-    font.write(canvas, text, (0, 0), 1, 1)
-    muted = (picture.image.indexes == len(tiles.palette()) + MUTED).astype(np.uint8)
-    return bool((sliding_window_view(muted, canvas.shape) == canvas).all(axis=(2, 3)).any())
+    canvas = np.zeros((font.HEIGHT * scale, font.width_of(text) * scale), np.uint8)
+    font.write(canvas, text, (0, 0), 1, scale)
+    inked = (picture.image.indexes == len(tiles.palette()) + colour).astype(np.uint8)
+    return bool((sliding_window_view(inked, canvas.shape) == canvas).all(axis=(2, 3)).any())
 
 
 def count(picture: Picture, letter: str) -> int:
@@ -68,3 +68,16 @@ def test_the_colours_of_the_boards_are_told_below_the_cards() -> None:
     last = picture.image.indexes[-16:]
     for letter in "rwgh":
         assert tiles.colour_number(letter) in last, letter
+
+
+def test_beside_an_unsolved_episode_no_larger_number_is_called_the_fewest_and_the_dotted_line_is_told() -> (
+    None
+):
+    last = next(message for message in Lesson(episodes=1).messages() if isinstance(message, Episode))
+    for outcome, words in (("solved", "steps 12, fewest 9"), ("deadlock", "steps 12, unsolved")):
+        view = opened("asking")
+        assert not is_written(card(view), DOTTED, 2), "no line is drawn yet"
+        assert is_written(card(view), "no episode done", colour=STEPS)
+        view.take(msgspec.structs.replace(last, outcome=outcome, steps=12, optimal_steps=9), 10.0)
+        assert is_written(card(view), words, colour=STEPS), words
+        assert is_written(card(view), DOTTED, 2)

@@ -5,13 +5,15 @@ import numpy as np
 
 from protocol.messages import Crowd, Decision, Episode, SaidBy, Step, WorkerReliability
 from services import tiles
+from services.monitor.chronicle import Chronicle
 from services.monitor.doubt_pictures import draw_doubtful
 from services.monitor.doubts import Doubts
 from services.monitor.overview import draw_overview, glance
 from services.monitor.reliability import Reliability
-from services.monitor.rows import Arrow, Indexed, Moment
+from services.monitor.rows import Arrow, Document, Indexed, Moment
 from services.monitor.scene import TeacherColours, read_view
 from services.monitor.session_view import SessionView
+from services.monitor.status import NOW, OF_TWO
 from services.tiles import Indexes
 from tests.services.monitor.feeder import WALL_NS, Lesson
 from tests.services.monitor.test_monitor_pictures import indexes_of
@@ -93,6 +95,49 @@ def test_the_legend_says_of_two_that_nothing_tells_who_of_them_errs_until_there_
     assert (ada.means, ada.errors) == (ben.means, ben.errors)
     reliability.add(told(("ada", "UP"), ("ben", "UP"), ("cyd", "DOWN"), at_s=4), Moment(2))
     assert [row.label for row in reliability.take()] == ["ada", "ben", "cyd"]
+
+
+def test_how_things_stand_says_of_two_that_nothing_tells_who_of_them_errs_only_while_it_is_so() -> None:
+    def texts(view: SessionView, number: int, *labels: tuple[str, str]) -> list[str]:
+        view.take(msgspec.structs.replace(opened, sequence=opened.sequence + number), float(number))
+        view.take(told(*labels, at_s=number, decision=number), float(number))
+        rows = view.tick(number + 0.5)
+        return [
+            row.markdown for part in (rows.live, rows.kept) for row in part.curves
+            if isinstance(row, Document) and row.entity == NOW
+        ]  # fmt: skip
+
+    opened = next(each for each in Lesson(episodes=1).messages() if isinstance(each, Decision))
+    view = SessionView(0.0)
+    assert not any(OF_TWO in text for text in texts(view, 1, ("ada", "UP")))
+    of_two = texts(view, 3, ("ada", "UP"), ("ben", "LEFT"))
+    assert of_two
+    assert all(OF_TWO in text for text in of_two)
+    third = texts(view, 5, ("ada", "UP"), ("ben", "UP"), ("cyd", "UP"))
+    assert third
+    assert not any(OF_TWO in text for text in third)
+
+
+def test_two_who_are_judged_by_an_aggregator_are_not_said_to_be_alone() -> None:
+    chronicle = Chronicle()
+    chronicle.tell(told(("ada", "UP"), ("ben", "LEFT")))
+    assert chronicle.of_two()
+    chronicle.tell(
+        Crowd(
+            session="s",
+            aggregator="crowd",
+            epoch=1,
+            decision=1,
+            at_ns=WALL_NS,
+            cause="quorum",
+            members=1,
+            answered=1,
+            conclusions=1,
+            too_late=0,
+            workers=(),
+        )
+    )
+    assert not chronicle.of_two()
 
 
 def test_an_aggregators_report_is_shown_as_it_is_once_a_second_at_most() -> None:
