@@ -17,6 +17,7 @@ from protocol.keys import KeyNameError, Keys
 from services.learner.config import LearnerConfig
 from services.learner.ownership import agree_on_shards
 from services.learner.service import opened
+from services.learner.standby import Standby
 from services.learner.vigil import Vigil
 from services.runtime.bus import Bus, Presence
 from services.runtime.clock import Clock
@@ -40,6 +41,7 @@ class Pool:
         self._keys = Keys(config.deployment)
         self._vigil = Vigil(config, home, clock.now_ns(), chance or SystemRandom())
         self._happened: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._standby = Standby(self._keys, bus, clock, config.shards, self._happened.put)
         self._holdings: dict[int, Holding] = {}
         self._cut_off_ns: int | None = None
         """Since when there has been no router, if there is none."""
@@ -61,12 +63,14 @@ class Pool:
             while not stop.is_set():
                 self._take_what_is_due()
                 self._give_up_when_cut_off()
+                self._standby.stands(by=not self._holdings and self._awaited is None)
                 if self._awaited is None and not told:
                     told = True
                     ready()
                 self._hear(TURN_S)
         finally:
             withdraw()
+            self._standby.stands(by=False)
             self._drain()
 
     def _hear(self, timeout_s: float) -> None:

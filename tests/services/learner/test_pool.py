@@ -14,6 +14,7 @@ from services.environment import Environment
 from services.learner.config import LearnerConfig
 from services.learner.ownership import agree_on_shards, shard_of
 from services.learner.pool import Pool
+from services.operations.status import survey
 from services.operator import Operator
 from services.runtime.bus import Reply, Request
 from services.runtime.clock import SystemClock
@@ -24,6 +25,7 @@ from tests.services.learner.classroom import session
 
 KEYS = Keys("local")
 SHARDS = 3
+SHARD_NAMES = {"shard-0", "shard-1", "shard-2"}
 DEADLINE_S = 30.0
 NAMES = tuple(f"s{number}" for number in range(9))
 QUICK = {"takeover_ms": 100, "settle_ms": 1_500, "burden_ms": 20, "jitter_ms": 20, "cut_off_ms": 300}
@@ -64,7 +66,7 @@ class Process:
     @property
     def holds(self) -> set[int]:
         return {
-            int(token.rpartition("-")[2]) for token in tuple(self.bus.tokens) if "/service/learner/" in token
+            int(token.rpartition("-")[2]) for token in tuple(self.bus.tokens) if "/learner/shard-" in token
         }
 
 
@@ -128,6 +130,11 @@ def building(tmp_path: Path) -> Iterator[Building]:
         process.end()
 
 
+def learners(building: Building) -> dict[str, bool]:
+    """Return the learners that `sfid status` would list, and whether they are ready."""
+    return {one.name: one.ready for one in survey(building.bus, (KEYS,)) if one.role == "learner"}
+
+
 def test_the_shards_of_a_learner_that_leaves_go_on_in_the_others(building: Building) -> None:
     first, second, third = building.start_all()
     building.create_all()
@@ -154,9 +161,13 @@ def test_a_learner_that_comes_back_finds_its_shard_taken_and_stands_by(building:
     back = building.start(0)
     assert back.ready.wait(DEADLINE_S)
     assert back.holds == set()
+    wait_for("it is seen", lambda: len(seen := learners(building)) == 4 and all(seen.values()))
+    (standby,) = {*learners(building)} - SHARD_NAMES
+    assert standby.startswith("standby-")
     for process in (second, third):  # of two who stand by, either may be the quicker for every shard
         process.end()
     wait_for("it has all", lambda: back.holds == {0, 1, 2})
+    wait_for("it stands by no longer", lambda: set(learners(building)) == SHARD_NAMES)
 
 
 def test_one_learner_alone_takes_all_shards_once_the_others_had_time_to_come(building: Building) -> None:

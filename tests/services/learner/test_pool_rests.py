@@ -52,7 +52,7 @@ class Line(MemoryBus):
 
     @property
     def holds(self) -> set[int]:
-        return {int(token.rpartition("-")[2]) for token in tuple(self.tokens)}
+        return {int(token.rpartition("-")[2]) for token in tuple(self.tokens) if "/shard-" in token}
 
     def look_on(self) -> None:
         """Wait until the pool has looked at the connection again, or taken a shard."""

@@ -3,13 +3,14 @@
 import contextlib
 import socket
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 
 import pytest
 
 from services.monitor.config import LOOPBACK, free_port
-from services.monitor.guard import Guard, Limits, free_turn
+from services.monitor.guard import TURN_S, Guard, Limits, free_turn
 
 pytestmark = pytest.mark.real
 
@@ -217,6 +218,30 @@ def test_of_all_that_waits_too_much_the_viewer_furthest_behind_is_cut(server: Se
 @pytest.mark.parametrize("taken,turn", [(set(), 0), ({0, 1}, 2), ({0, 2}, 1), ({1, 2}, 0)])
 def test_a_turn_that_somebody_left_is_taken_again(taken: set[int], turn: int) -> None:
     assert free_turn(taken) == turn
+
+
+def test_what_comes_at_once_goes_to_one_viewer_after_the_other() -> None:
+    port, viewers = free_port(set()), 8
+    with socket.create_server((LOOPBACK, 0)) as upstream, ExitStack() as stack:
+        guard = Guard([(port, upstream.getsockname()[1])], LOOPBACK, LOOPBACK)
+        stack.callback(guard.close)
+        upstream.settimeout(DEADLINE_S)
+        watching, ways = [], []
+        for _ in range(
+            viewers
+        ):  # one is led to the server before the next one comes: so they have their turns
+            watching.append(stack.enter_context(connected(port)))
+            ways.append(stack.enter_context(upstream.accept()[0]))
+        sent_s = time.monotonic()
+        for way in ways:
+            way.sendall(b"x")
+        came_s = []
+        for viewer in watching:
+            assert viewer.recv(1) == b"x"
+            came_s.append(time.monotonic() - sent_s)
+    # No viewer before its turn, however busy the machine is: a timer may be late and is never early.
+    assert [turn for turn in range(viewers) if came_s[turn] < turn * TURN_S] == []
+    assert TURN_S == 0.005
 
 
 def test_a_viewer_can_say_more_than_fits_on_the_way_to_a_server_that_hears_late() -> None:
