@@ -22,7 +22,8 @@ NOW = "now"
 EPISODES = "episodes"
 EPISODES_SHOWN = 24
 """As many as a window shows at once: the newest is the last of them, as in the events."""
-OF_TWO = "two teachers alone: where they differ, nothing tells which of them errs"
+OF_TWO = "two teachers alone: nothing tells who of them errs"
+"""One line of a pane that shows five."""
 ENDS = {"solved": "solved", "deadlock": "ended in a deadlock", "cap": "gave up", "running": "stopped"}
 
 
@@ -46,8 +47,8 @@ def open_markdown(
     phase = f"**{_phase(decision)}**{_count_down(decision, left_s, waited_s)}"
     lines = [_heading(decision, decision.step), phase]
     window = f"window {decision.window.span_ms / 1000:g} s, {WINDOWS[decision.window.mode]}"
-    lines += [_present(decision), f"method **{decision.method}** · {window}"]
-    lines += [OF_TWO] * of_two + _hint(decision.phase, decision.session, teach)
+    lines += [_present(decision), *[OF_TWO] * of_two, f"method **{decision.method}** · {window}"]
+    lines += _hint(decision.phase, decision.session, teach)
     return "\n\n".join(lines)
 
 
