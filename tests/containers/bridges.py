@@ -3,8 +3,8 @@
 A Linux bridge whose address nobody has set takes the lowest of its ports'. So it may change whenever a
 container joins or leaves, and the others go on asking the name server, which is at the bridge, at the old
 address: until their kernels doubt it, which takes up to 100 s, no name is found
-(https://github.com/containers/netavark/pull/833). Docker sets the address, and so does Podman with netavark
-1.9 and later; Podman 4.3 of Debian 12 does not.
+(https://github.com/containers/netavark/pull/833). Docker sets the address, and so does netavark since
+that change; Podman 4.3 of Debian 12, with netavark 1.4, does not.
 """
 
 from pathlib import Path
