@@ -51,7 +51,7 @@ def test_up_runs_a_learner_for_each_shard_and_one_that_is_killed_comes_back(tmp_
     def shards() -> dict[str, Any]:
         told = sfid("status", "--connect", endpoint, "--json")
         found = json.loads(told.stdout)["services"] if told.stdout else []
-        return {one["name"]: one for one in found if one["role"] == "learner" and one["ready"]}
+        return {one["name"]: one for one in found if one["name"].startswith("shard-") and one["ready"]}
 
     with running("up", "--config", str(config), stderr=tmp_path / "up.log") as up:
         wait_for("both are there", lambda: set(shards()) == {"shard-0", "shard-1"}, 60)
