@@ -37,7 +37,7 @@ ASK_TIMEOUT_MS = 3_000
 REPORT_EPISODES_MAX = 100
 LAST_ROUNDS = 8
 """Rounds after the stop at least: an answer that has just come may lead to one more question."""
-LAST_S = 2.0
+LAST_S = 1.5
 """For how long the rest is worked off after the stop; what waits then is counted as dropped."""
 HELD_MAX = 100
 """Batches of rows held back for viewers of a session that waits for its teachers: events, most of all."""
