@@ -184,11 +184,11 @@ class Lanes:
 
 
 def states_said(said: Iterable[SaidBy], went: str | None) -> dict[str, str]:
-    """Return the state of each teacher's lane who named an action, where the agent went one way."""
+    """Return the state of each teacher's lane who labelled a step on which the agent went one way."""
     return {
         each.teacher: each.action if each.action == went else each.action + DIFFERED
         for each in said
-        if each.action is not None
+        if each.action is not None and each.kind == "label"
     }
 
 

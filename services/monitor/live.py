@@ -17,7 +17,7 @@ from services.monitor.config import LOOPBACK, Addresses, MonitorError, free_port
 from services.monitor.guard import Guard
 from services.monitor.rows import Picture, Row, Rows
 from services.monitor.waiting_rows import WaitingRows
-from services.monitor.writer import APPLICATION, Writer, stream
+from services.monitor.writer import APPLICATION, NamedActions, Writer, stream
 
 SCENE_TICK_S = 0.1
 CURVES_TICK_S = 0.5
@@ -128,8 +128,9 @@ class _LiveSession:
         self._curves.send_recording_name(recording_id)
         if with_blueprint:
             self._curves.send_blueprint(blueprint(), make_active=True, make_default=True)
-        self._scene_writer = Writer(self._scene)
-        self._curves_writer = Writer(self._curves)
+        named: NamedActions = {}
+        self._scene_writer = Writer(self._scene, named)
+        self._curves_writer = Writer(self._curves, named)
         self._curves_writer.style_curves()
 
     def write(self, row: Row) -> None:

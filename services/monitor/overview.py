@@ -12,6 +12,7 @@ from services.monitor import font
 from services.monitor.rows import Colour, Indexed, Moment, Picture
 from services.monitor.scene import TEACHER_COLOURS, ViewError, read_view
 from services.monitor.session_view import SessionView
+from services.monitor.status import counted
 from sfid_core.sokoban.board import Board
 
 ENTITY = "sessions"
@@ -140,7 +141,7 @@ def _draw_card(card: Indexes, each: Glance) -> None:
     side = card[:, BOARD_SIDE + 24 : -10]
     progress = f"episode {min(each.episode + 1, each.episodes)} of {each.episodes}"
     if not each.begun:
-        progress = f"not begun, {each.episodes} episodes"
+        progress = f"not begun, {counted(each.episodes, 'episode')}" if each.episodes else "not heard yet"
     font.write(side, progress, (26, 0), _BASE + MUTED, 1)
     _draw_bar(side[34:40], min(1.0, each.episode / max(1, each.episodes)), _BASE + GOOD)
     font.write(side, _steps(each), (46, 0), _BASE + STEPS, 1)

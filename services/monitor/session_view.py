@@ -245,8 +245,6 @@ class SessionView:
 
     def _lanes_of(self, frame: Frame) -> tuple[Lane, ...]:
         """What was said on a frame, which ends what was said on the one before it."""
-        if self._earlier is not None:
-            return ()
         said = states_said(frame.said, frame.action)
         states = dict.fromkeys(sorted(self._spoke - said.keys()), "") | said
         self._spoke = set(said)

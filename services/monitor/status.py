@@ -70,7 +70,7 @@ def step_markdown(step: Step, decision: Decision | None, *, of_two: bool = False
 
 def event_of_episode(episode: Episode) -> str:
     """Return one line about a finished episode."""
-    steps = _counted(episode.steps, "step")
+    steps = counted(episode.steps, "step")
     if episode.optimal_steps is not None:
         # Beside an end in a deadlock, fewer steps than "fewest" would read as a mistake.
         steps += (
@@ -78,13 +78,13 @@ def event_of_episode(episode: Episode) -> str:
         )
     return (
         f"episode {episode.episode + 1} {ENDS[episode.outcome]}: {steps}, "
-        f"return {episode.discounted_return:+.2f}, {_counted(episode.inputs, 'input')}"
+        f"return {episode.discounted_return:+.2f}, {counted(episode.inputs, 'input')}"
     )
 
 
 def heading_of(decision: Decision) -> str:
     """Return what is taught and how, as a heading."""
-    return f"### {decision.session} · method {decision.method} · {_counted(decision.episodes, 'episode')}"
+    return f"### {decision.session} · method {decision.method} · {counted(decision.episodes, 'episode')}"
 
 
 def episodes_markdown(episodes: Iterable[Episode], heading: str | None = None) -> str:
@@ -106,7 +106,7 @@ def episodes_markdown(episodes: Iterable[Episode], heading: str | None = None) -
 def events_between(before: Decision | None, after: Decision) -> list[str]:
     """Return a line for each thing that changed from one decision to a later one."""
     if before is None:
-        return [f"watching: {after.method}, {_counted(after.episodes, 'episode')}, now {PHASES[after.phase]}"]
+        return [f"watching: {after.method}, {counted(after.episodes, 'episode')}, now {PHASES[after.phase]}"]
     events = []
     if after.paused != before.paused:
         events.append("paused" if after.paused else "resumed")
@@ -134,7 +134,7 @@ def _standing(report: SessionReport | None, teach: str) -> list[str]:
     return [
         f"**{summary.session}** · {summary.episode} of {summary.episodes} episodes",
         f"**{PHASES.get(summary.phase, summary.phase)}** · method **{summary.method}**",
-        f"level {summary.level_name} · {_counted(report.labels.applied, 'answer')} applied",
+        f"level {summary.level_name} · {counted(report.labels.applied, 'answer')} applied",
         *_hint(summary.phase, summary.session, teach),
     ]
 
@@ -184,5 +184,6 @@ def _listed(names: tuple[str, ...] | list[str]) -> str:
     return ", ".join(names[:NAMES_SHOWN_MAX]) + (f" and {more} more" if more > 0 else "")
 
 
-def _counted(count: int, thing: str) -> str:
+def counted(count: int, thing: str) -> str:
+    """Return a number of things in words."""
     return f"{count} {thing}" if count == 1 else f"{count} {thing}s"

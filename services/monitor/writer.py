@@ -36,6 +36,9 @@ DIFFERED_COLOUR: Colour = (120, 112, 104)
 """Of what a teacher said, by what the agent did: the colour of the curve of agreement, and grey. The colours
 of teachers would be taken for teachers."""
 
+NamedActions = dict[str, dict[str, None]]
+"""Of each lane the actions that its states are about."""
+
 
 def stream(recording_id: str, tick_s: float, *, send_properties: bool) -> rr.RecordingStream:
     """Return a stream whose only timelines are ours; without a sink it keeps what it is given."""
@@ -49,14 +52,16 @@ def stream(recording_id: str, tick_s: float, *, send_properties: bool) -> rr.Rec
 
 
 class Writer:
-    """Writes rows to one stream; used by one thread, because Rerun's time is set by thread."""
+    """Writes rows to one stream; used by one thread, because Rerun's time is set by thread.
+
+    Args: named: shared by the writers of one recording, because a viewer believes whoever spoke last.
+    """
 
     __slots__ = ("_lanes", "_named", "_painted", "_stream")
 
-    def __init__(self, stream: rr.RecordingStream) -> None:
+    def __init__(self, stream: rr.RecordingStream, named: NamedActions | None = None) -> None:
         self._stream = stream
-        self._lanes: dict[str, dict[str, None]] = {}
-        """Of each lane the actions that its states are about."""
+        self._lanes: NamedActions = {} if named is None else named
         self._named: dict[str, str] = {}
         self._painted: set[str] = set()
 

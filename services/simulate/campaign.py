@@ -136,14 +136,15 @@ def judge(seed: int, decisions: int = 0, *, trace: bool = False, held_to: Calm |
 def _at_work() -> Iterator[None]:
     """Have services log nothing, and no garbage looked for: a session's objects die with it."""
     log = logging.getLogger("sfid")
-    level = log.level
+    level, collects = log.level, gc.isenabled()
     log.setLevel(logging.CRITICAL + 1)
     gc.disable()
     try:
         yield
     finally:
-        gc.enable()
         log.setLevel(level)
+        if collects:
+            gc.enable()
 
 
 def _judged_scenario(drawn: Scenario, held_to: Calm, decisions: int, *, trace: bool) -> Judged:

@@ -54,6 +54,7 @@ def test_a_session_that_has_not_begun_is_not_said_to_be_in_its_first_episode() -
     assert is_written(waiting, "not begun, 30 episodes")
     assert not is_written(waiting, "episode 1 of 30")
     assert is_written(going_on, "episode 1 of 30")
+    assert is_written(card(SessionView(0.0)), "not heard yet")
 
 
 def test_a_goal_below_the_agent_is_seen() -> None:

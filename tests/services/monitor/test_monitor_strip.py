@@ -3,17 +3,20 @@
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
+import rerun as rr
 from rerun.chunk import RrdReader
 
-from protocol.messages import Decision, Step
-from services.monitor.rows import Indexed, Lane, Moment, Picture
+from protocol.messages import Decision, SaidBy, Step
+from services.monitor.curves import states_said
+from services.monitor.rows import Indexed, Lane, Moment, Picture, Reliabilities
 from services.monitor.scene import TEACHER_COLOURS
 from services.monitor.session_view import SessionView
-from services.monitor.writer import AGREED_COLOUR, DIFFERED_COLOUR
+from services.monitor.writer import AGREED_COLOUR, DIFFERED_COLOUR, NamedActions, Writer, stream
 from tests.services.monitor.feeder import Lesson
 from tests.services.monitor.rrd_rows import rows_of
-from tests.services.monitor.test_monitor_palette import PALETTE, PIXELS, written
+from tests.services.monitor.test_monitor_palette import PALETTE, PIXELS, values_of, written
 
 STATE = "StateChange:state"
 
@@ -46,10 +49,81 @@ def test_what_was_said_comes_with_the_picture_it_was_said_on_and_ends_with_the_n
     assert after.moment.step == step.decision + 1
 
 
-def test_the_past_and_the_count_down_bring_no_words() -> None:
-    view = SessionView(0.0, past=True)
-    steps = [each for each in Lesson(episodes=1).messages() if isinstance(each, Step) and each.said]
-    assert [picture.lanes for picture in watched(view, *steps[:3], from_s=10.0)] == [(), (), ()]
+def test_a_word_ends_once_when_the_next_step_has_others_and_is_said_anew_when_it_has_it_again() -> None:
+    step = next(each for each in Lesson(episodes=1).messages() if isinstance(each, Step))
+
+    def said(number: int, *teachers: str) -> Step:
+        words = tuple(SaidBy(teacher=name, kind="label", action=step.action) for name in teachers)
+        told: Step = msgspec.structs.replace(
+            step, decision=number, step=number, said=words, outcome="running"
+        )
+        return told
+
+    spoken = [said(0, "ada"), said(1, "ben"), said(2, "ben"), said(3, "ada", "ben")]
+    words = [
+        {lane.teacher: lane.states for lane in picture.lanes}
+        for picture in watched(SessionView(0.0), *spoken, from_s=10.0)
+    ]
+    word = (step.action,)
+    assert words == [{"ada": word}, {"ada": ("",), "ben": word}, {"ben": word}, {"ada": word, "ben": word}]
+
+
+def test_only_labels_are_words_about_the_step() -> None:
+    said = (
+        SaidBy(teacher="ada", kind="label", action="UP"),
+        SaidBy(teacher="ben", kind="label", action="LEFT"),
+        SaidBy(teacher="cyd", kind="mistake", action="UP"),
+        SaidBy(teacher="dan", kind="reward", reward=1.0),
+        SaidBy(teacher="eve", kind="abstain"),
+    )
+    assert states_said(said, "UP") == {"ada": "UP", "ben": "LEFT≠"}
+
+
+def test_the_count_down_says_nothing_again() -> None:
+    first = next(each for each in Lesson(episodes=1).messages() if isinstance(each, Decision) and each.view)
+    opened: Decision = msgspec.structs.replace(first, phase="asking", remaining_ms=5000)
+    view = SessionView(0.0)
+    view.take(opened, 10.0)
+    drawn = [
+        picture
+        for tenth in range(30)
+        for picture in view.tick(10.0 + tenth / 10).live.scene
+        if picture.entity == "world"
+    ]
+    assert len(drawn) > 10
+    assert {picture.lanes for picture in drawn} == {()}
+
+
+def test_both_streams_of_a_recording_know_all_words_of_a_lane(tmp_path: Path) -> None:
+    named: NamedActions = {}
+    for name, word in (("scene", "SOUTH"), ("curves", "PICKUP≠"), ("again", "SOUTH")):
+        path = tmp_path / f"{name}.rrd"
+        path.write_bytes(b"")
+        recording = stream("test", 0.1, send_properties=False)
+        recording.set_sinks(rr.FileSink(path, write_footer=True))
+        Writer(recording, named).write(Lane("ada", (Moment(4),), (word,)))
+        recording.flush()
+        recording.disconnect()
+    (scene,), (curves,) = (
+        configurations(tmp_path / f"{name}.rrd", "teachers/ada") for name in ("scene", "curves")
+    )
+    assert {"SOUTH", "UP≠"} <= scene.keys()
+    assert curves.keys() == scene.keys() | {"PICKUP", "PICKUP≠"}
+    assert configurations(tmp_path / "again.rrd", "teachers/ada") == []
+
+
+def test_the_legend_of_a_reliability_is_told_when_it_changes_and_only_then(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    path.write_bytes(b"")
+    recording = stream("test", 0.1, send_properties=False)
+    recording.set_sinks(rr.FileSink(path, write_footer=True))
+    writer = Writer(recording)
+    for number, label in enumerate(("ada (of two)", "ada (of two)", "ada")):
+        writer.write(Reliabilities("ada", label, (1, 2, 3), (Moment(number),), (0.5,), (0.1,)))
+    recording.flush()
+    recording.disconnect()
+    names = values_of(path, "reliability/ada", "Measurements:names", static=True)
+    assert names == [["ada (of two)"], ["ada"]]
 
 
 def test_a_teacher_without_a_lane_has_none_with_a_picture_either() -> None:

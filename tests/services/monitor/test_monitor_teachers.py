@@ -154,6 +154,7 @@ def test_an_aggregators_report_is_shown_as_it_is_once_a_second_at_most() -> None
         reliability.add_crowd(crowd, Moment(number))
     (row,) = reliability.take()
     assert (row.moments, row.means, row.errors) == ((Moment(0), Moment(2)), (0.75, 0.75), (0.125, 0.125))
+    assert row.label == "ada"
 
 
 def view_of(**changes: object) -> SessionView:
