@@ -57,6 +57,16 @@ def test_batches_of_one_curve_lane_or_log_become_one_and_nothing_else_changes() 
     assert others == [row for row in rows if isinstance(row, Document | Picture)]
 
 
+def test_a_curve_keeps_each_name_that_the_legend_has_for_it() -> None:
+    def told(step: int, label: str) -> Reliabilities:
+        return Reliabilities("ann", label, (1, 2, 3), (Moment(step),), (0.5,), (0.1,))
+
+    alone, third = merged([told(0, "ann (of two)"), told(1, "ann (of two)"), told(2, "ann")])
+    both = (Moment(0), Moment(1)), (0.5, 0.5), (0.1, 0.1)
+    assert alone == Reliabilities("ann", "ann (of two)", (1, 2, 3), *both)
+    assert third == told(2, "ann")
+
+
 def kept_of(view: SessionView) -> list[Rows]:
     """Return what is written to the file of some minutes at five decisions a second, but for the end."""
     messages, kept = iter(Lesson(episodes=1_000).messages()), []

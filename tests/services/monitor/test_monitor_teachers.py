@@ -11,7 +11,7 @@ from services.monitor.doubts import Doubts
 from services.monitor.overview import draw_overview, glance
 from services.monitor.reliability import Reliability
 from services.monitor.rows import Arrow, Document, Indexed, Moment
-from services.monitor.scene import TeacherColours, read_view
+from services.monitor.scene import TEACHER_COLOURS, TeacherColours, read_view
 from services.monitor.session_view import SessionView
 from services.monitor.status import NOW, OF_TWO
 from services.tiles import Indexes
@@ -93,6 +93,7 @@ def test_the_legend_says_of_two_that_nothing_tells_who_of_them_errs_until_there_
     ada, ben = reliability.take()
     assert (ada.label, ben.label) == tuple(f"{name} (of two: who errs is unknown)" for name in ("ada", "ben"))
     assert (ada.means, ada.errors) == (ben.means, ben.errors)
+    assert (ada.colour, ben.colour) == TEACHER_COLOURS[:2]
     reliability.add(told(("ada", "UP"), ("ben", "UP"), ("cyd", "DOWN"), at_s=4), Moment(2))
     assert [row.label for row in reliability.take()] == ["ada", "ben", "cyd"]
 

@@ -96,6 +96,7 @@ AT = (Moment(1), Moment(2))
     [
         (picture(1), 10_000),
         (Picture("world", Moment(1), b"x" * 700, (Arrow((0, 0), (1, 1), (0, 0, 0)),)), 700 + MOMENT_BYTES),
+        (Picture("world", Moment(1), b"", (), (Lane("ada", AT[:1], ("UP",)),) * 3), 3 * MOMENT_BYTES),
         (Document("now", Moment(1), "x" * 900), 900),
         (Curves("c", AT, np.zeros((2, 3))), 48 + 2 * MOMENT_BYTES),
         (Events(AT, ("abc", "de"), ("INFO", "INFO")), 5 + 2 * MOMENT_BYTES),
