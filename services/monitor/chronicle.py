@@ -119,8 +119,12 @@ class Chronicle:
         return self._lanes.has(teacher)
 
     def of_two(self) -> bool:
-        """Tell whether there are two teachers alone, of whom nobody else tells how reliable they are."""
-        return not self._crowds and self._reliability.of_two()
+        """Tell whether two teachers alone labelled the steps so far.
+
+        What an aggregator reports has no part in it: the journal does not tell it, and what is told of a step
+        is the same again from there.
+        """
+        return self._reliability.of_two()
 
     def take(self) -> Rows:
         """Return the rows since the last call."""

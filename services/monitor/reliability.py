@@ -13,7 +13,7 @@ from sfid_core.sokoban.actions import ACTIONS
 
 TEACHERS_MAX = 8
 """Teachers with a curve: a screen tells no more colours apart."""
-OF_TWO = " (of two: who errs is unknown)"
+LEGEND_OF_TWO = " (of two: who errs is unknown)"
 """Where two differ nothing tells which of them errs: their curves are one."""
 _NUMBERS = {action.name: index for index, action in enumerate(ACTIONS)}
 _Point = tuple[Moment, float, float]
@@ -42,7 +42,7 @@ class Reliability:
             return
         self._aggregate.learn(labels)
         if self._pace.due(step.at_ns):
-            end = OF_TWO if self.of_two() else ""
+            end = LEGEND_OF_TWO if self.of_two() else ""
             for teacher in self._aggregate.workers():
                 known = self._aggregate.reliability(teacher)
                 self._note(teacher, teacher + end, (moment, known.mean, known.standard_error))

@@ -119,26 +119,22 @@ def test_how_things_stand_says_of_two_that_nothing_tells_who_of_them_errs_only_w
     assert not any(OF_TWO in text for text in third)
 
 
-def test_two_who_are_judged_by_an_aggregator_are_not_said_to_be_alone() -> None:
-    chronicle = Chronicle()
-    chronicle.tell(told(("ada", "UP"), ("ben", "LEFT")))
-    assert chronicle.of_two()
-    chronicle.tell(
-        Crowd(
-            session="s",
-            aggregator="crowd",
-            epoch=1,
-            decision=1,
-            at_ns=WALL_NS,
-            cause="quorum",
-            members=1,
-            answered=1,
-            conclusions=1,
-            too_late=0,
-            workers=(),
-        )
-    )
-    assert not chronicle.of_two()
+def test_what_is_told_of_a_step_is_the_same_whether_an_aggregator_reports_or_not() -> None:
+    crowd = Crowd(
+        session="s", aggregator="crowd", epoch=1, decision=0, at_ns=WALL_NS, cause="quorum",
+        members=1, answered=1, conclusions=1, too_late=0, workers=(),
+    )  # fmt: skip
+
+    def now(*messages: Step | Crowd) -> list[Document]:
+        chronicle = Chronicle()
+        for message in messages:
+            chronicle.tell(message)
+        return [row for row in chronicle.take().curves if isinstance(row, Document) and row.entity == NOW]
+
+    first = told(("ada", "UP"), ("ben", "LEFT"))
+    second = told(("ada", "UP"), ("ben", "UP"), at_s=2, decision=1)
+    assert len(now(first, second)) == 2
+    assert now(first, crowd, second) == now(first, second)
 
 
 def test_an_aggregators_report_is_shown_as_it_is_once_a_second_at_most() -> None:
