@@ -128,9 +128,9 @@ class _LiveSession:
         self._curves.send_recording_name(recording_id)
         if with_blueprint:
             self._curves.send_blueprint(blueprint(), make_active=True, make_default=True)
-        named: NamedActions = {}
-        self._scene_writer = Writer(self._scene, named)
-        self._curves_writer = Writer(self._curves, named)
+        actions: NamedActions = {}
+        self._scene_writer = Writer(self._scene, actions)
+        self._curves_writer = Writer(self._curves, actions)
         self._curves_writer.style_curves()
 
     def write(self, row: Row) -> None:

@@ -141,7 +141,7 @@ def _draw_card(card: Indexes, each: Glance) -> None:
     side = card[:, BOARD_SIDE + 24 : -10]
     progress = f"episode {min(each.episode + 1, each.episodes)} of {each.episodes}"
     if not each.begun:
-        progress = f"not begun, {counted(each.episodes, 'episode')}" if each.episodes else "not heard yet"
+        progress = f"not begun, {counted(each.episodes, 'episode')}" if each.episodes else ""
     font.write(side, progress, (26, 0), _BASE + MUTED, 1)
     _draw_bar(side[34:40], min(1.0, each.episode / max(1, each.episodes)), _BASE + GOOD)
     font.write(side, _steps(each), (46, 0), _BASE + STEPS, 1)

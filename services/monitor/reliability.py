@@ -13,7 +13,7 @@ from sfid_core.sokoban.actions import ACTIONS
 
 TEACHERS_MAX = 8
 """Teachers with a curve: a screen tells no more colours apart."""
-LEGEND_OF_TWO = " (of two: who errs is unknown)"
+LEGEND_OF_TWO = " (of two: which one errs is unknown)"
 """Where two differ nothing tells which of them errs: their curves are one."""
 _NUMBERS = {action.name: index for index, action in enumerate(ACTIONS)}
 _Point = tuple[Moment, float, float]

@@ -22,7 +22,7 @@ NOW = "now"
 EPISODES = "episodes"
 EPISODES_SHOWN = 24
 """As many as a window shows at once: the newest is the last of them, as in the events."""
-OF_TWO = "two teachers alone: nothing tells who of them errs"
+OF_TWO = "of two, nothing tells which one errs"
 """One line of a pane that shows five."""
 ENDS = {"solved": "solved", "deadlock": "ended in a deadlock", "cap": "gave up", "running": "stopped"}
 

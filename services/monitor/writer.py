@@ -38,6 +38,8 @@ of teachers would be taken for teachers."""
 
 NamedActions = dict[str, dict[str, None]]
 """Of each lane the actions that its states are about."""
+ACTIONS_NAMED_MAX = 64
+"""As many as a session may have."""
 
 
 def stream(recording_id: str, tick_s: float, *, send_properties: bool) -> rr.RecordingStream:
@@ -54,15 +56,17 @@ def stream(recording_id: str, tick_s: float, *, send_properties: bool) -> rr.Rec
 class Writer:
     """Writes rows to one stream; used by one thread, because Rerun's time is set by thread.
 
-    Args: named: shared by the writers of one recording, because a viewer believes whoever spoke last.
+    Args: actions: shared by the writers of one recording, because a viewer believes whoever spoke last.
     """
 
-    __slots__ = ("_lanes", "_named", "_painted", "_stream")
+    __slots__ = ("_actions", "_legends", "_painted", "_stream", "_styled")
 
-    def __init__(self, stream: rr.RecordingStream, named: NamedActions | None = None) -> None:
+    def __init__(self, stream: rr.RecordingStream, actions: NamedActions | None = None) -> None:
         self._stream = stream
-        self._lanes: NamedActions = {} if named is None else named
-        self._named: dict[str, str] = {}
+        self._actions: NamedActions = {} if actions is None else actions
+        self._styled: dict[str, int] = {}
+        """Of each lane how many actions this stream has been told the signs of."""
+        self._legends: dict[str, str] = {}
         self._painted: set[str] = set()
 
     def style_curves(self) -> None:
@@ -100,8 +104,8 @@ class Writer:
 
     def _reliabilities(self, row: Reliabilities) -> None:
         entity = f"reliability/{row.teacher}"
-        if self._named.get(entity) != row.label:
-            self._named[entity] = row.label
+        if self._legends.get(entity) != row.label:
+            self._legends[entity] = row.label
             style = rr.Measurements.from_fields(colors=[row.colour], names=[row.label], widths=[2.0])
             self._stream.log(entity, style, static=True)
         for part in _alike(row.moments):
@@ -126,11 +130,13 @@ class Writer:
 
     def _lane(self, row: Lane) -> None:
         entity = f"teachers/{row.teacher}"
-        known = self._lanes.get(row.teacher, {})
+        known = self._actions.setdefault(row.teacher, dict.fromkeys(SIGNS))
         # A world of other actions tells their names as they come.
-        names = {state.removesuffix(curves.DIFFERED): None for state in row.states if state}
-        if not known or not names.keys() <= known.keys():
-            known = self._lanes[row.teacher] = known | dict.fromkeys(SIGNS) | names
+        for state in row.states:
+            if state and len(known) < ACTIONS_NAMED_MAX:
+                known.setdefault(state.removesuffix(curves.DIFFERED))
+        if self._styled.get(row.teacher) != len(known):
+            self._styled[row.teacher] = len(known)
             self._stream.log(entity, _lane_states(known), static=True)
         for part in _alike(row.moments):
             self._columns(entity, row.moments[part], rr.StateChange.columns(state=row.states[part]))

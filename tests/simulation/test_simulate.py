@@ -52,6 +52,12 @@ def test_a_run_leaves_the_log_of_its_process_and_the_search_for_garbage_as_they_
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     judge(SEED)
+    gc.disable()
+    try:
+        judge(SEED)
+        assert not gc.isenabled()
+    finally:
+        gc.enable()
     with caplog.at_level(logging.INFO):
         logging.getLogger("sfid.learner").info("heard again")
     assert (caplog.messages, gc.isenabled()) == (["heard again"], True)

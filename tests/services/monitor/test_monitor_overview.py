@@ -54,13 +54,21 @@ def test_a_session_that_has_not_begun_is_not_said_to_be_in_its_first_episode() -
     assert is_written(waiting, "not begun, 30 episodes")
     assert not is_written(waiting, "episode 1 of 30")
     assert is_written(going_on, "episode 1 of 30")
-    assert is_written(card(SessionView(0.0)), "not heard yet")
+    unheard = card(SessionView(0.0))
+    assert not is_written(unheard, "not begun")
 
 
 def test_a_goal_below_the_agent_is_seen() -> None:
     picture, nothing = card(opened("asking", ON_GOAL)), card(opened("asking", "no board"))
     assert count(picture, "g") > count(nothing, "g"), "more than the key below the cards"
     assert count(picture, "r") > count(nothing, "r")
+
+
+def test_a_box_on_its_goal_has_another_colour_than_any_box() -> None:
+    home, away = (card(opened("asking", f"#####\n#@{box}#\n#####")) for box in ("* ", "$."))
+    nothing = card(opened("asking", "no board"))
+    assert count(home, "h") > count(nothing, "h") == count(away, "h")
+    assert count(away, "w") > count(nothing, "w") == count(home, "w")
 
 
 def test_the_colours_of_the_boards_are_told_below_the_cards() -> None:

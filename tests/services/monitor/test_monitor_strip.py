@@ -1,5 +1,7 @@
 """The strip of what teachers said: of the same moment as the board above it, in colours of its own."""
 
+import warnings
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -9,13 +11,16 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 from protocol.messages import Decision, SaidBy, Step
+from services.monitor.config import Addresses, free_port
 from services.monitor.curves import states_said
-from services.monitor.rows import Indexed, Lane, Moment, Picture, Reliabilities
+from services.monitor.live import Live
+from services.monitor.rows import Indexed, Lane, Moment, Picture, Reliabilities, Rows
 from services.monitor.scene import TEACHER_COLOURS
 from services.monitor.session_view import SessionView
 from services.monitor.writer import AGREED_COLOUR, DIFFERED_COLOUR, NamedActions, Writer, stream
 from tests.services.monitor.feeder import Lesson
 from tests.services.monitor.rrd_rows import rows_of
+from tests.services.monitor.test_monitor_live import SavingViewer, eventually
 from tests.services.monitor.test_monitor_palette import PALETTE, PIXELS, values_of, written
 
 STATE = "StateChange:state"
@@ -96,7 +101,7 @@ def test_the_count_down_says_nothing_again() -> None:
 
 def test_both_streams_of_a_recording_know_all_words_of_a_lane(tmp_path: Path) -> None:
     named: NamedActions = {}
-    for name, word in (("scene", "SOUTH"), ("curves", "PICKUP≠"), ("again", "SOUTH")):
+    for name, word in (("scene", "SOUTH"), ("curves", "PICKUP≠"), ("more", "")):
         path = tmp_path / f"{name}.rrd"
         path.write_bytes(b"")
         recording = stream("test", 0.1, send_properties=False)
@@ -109,7 +114,40 @@ def test_both_streams_of_a_recording_know_all_words_of_a_lane(tmp_path: Path) ->
     )
     assert {"SOUTH", "UP≠"} <= scene.keys()
     assert curves.keys() == scene.keys() | {"PICKUP", "PICKUP≠"}
-    assert configurations(tmp_path / "again.rrd", "teachers/ada") == []
+    assert configurations(tmp_path / "more.rrd", "teachers/ada") == [curves], "each stream is told of all"
+
+
+def test_the_signs_of_a_lane_are_bounded_and_the_end_of_a_word_has_none(tmp_path: Path) -> None:
+    states = ("", *(f"ACTION_{number}" for number in range(200)))
+    lane = Lane("ada", tuple(Moment(step) for step in range(len(states))), states)
+    path = written(tmp_path / "a.rrd", Picture("world", Moment(0), Indexed(PIXELS, PALETTE), (), (lane,)))
+    (found,) = configurations(path, "teachers/ada")
+    assert len(found) == 2 * 64
+    assert not {"", "≠"} & found.keys()
+
+
+def test_a_viewer_is_told_all_words_by_both_servers_whoever_speaks_last(tmp_path: Path) -> None:
+    scene_port = free_port(set())
+    addresses = Addresses(scene_port, free_port({scene_port}), web_port=None)
+    live = Live(addresses)
+    viewer = SavingViewer(tmp_path / "seen.rrd", addresses)
+    word = Lane("ada", (Moment(2),), ("UP",))
+    picture = Picture("world", Moment(2), Indexed(PIXELS, PALETTE), (), (word,))
+
+    def told() -> list[set[str]]:
+        with suppress(OSError, RuntimeError, ValueError), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the file is still being written
+            return [set(states) for states in configurations(viewer.path, "teachers/ada")]
+        return []
+
+    try:
+        live.show("words", Rows(curves=[Lane("ada", (Moment(1),), ("PICKUP",))]))
+        live.show("words", Rows(scene=[picture]))
+        eventually(lambda: len(told()) >= 2)
+        assert all({"PICKUP", "PICKUP≠", "UP"} <= states for states in told())
+    finally:
+        viewer.end()
+        live.close(5.0)
 
 
 def test_the_legend_of_a_reliability_is_told_when_it_changes_and_only_then(tmp_path: Path) -> None:
