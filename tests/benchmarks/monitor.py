@@ -172,7 +172,7 @@ def hours(count: float, speed: float) -> dict[str, object]:
         sent_s = time.monotonic() - begun
         PAUSE.wait(6.0)
         monitor.process.send_signal(signal.SIGUSR1)
-        appeared, told = late(Path(name) / "late.rrd", monitor, episodes)
+        appeared, told, held = late(Path(name) / "late.rrd", monitor, episodes)
         now_mb, most_mb = monitor.memory_mb()
         tenth = max(1, len(resident) // 10)
         return {
@@ -181,7 +181,7 @@ def hours(count: float, speed: float) -> dict[str, object]:
             "memory_mb_most": most_mb, "memory_mb_now": now_mb,
             "memory_mb_after_a_tenth": resident[tenth - 1], "memory_mb_limit": float(MEMORY_MB_MAX),
             "late_viewer_shown_after_s": appeared, "late_viewer_has_all_after_s": told,
-            "late_viewer_target_s": 3.0,
+            "late_viewer_target_s": 3.0, "late_viewer_episodes": held,
         }  # fmt: skip
 
 
@@ -206,8 +206,9 @@ def settle(bus: ZenohBus) -> int:
         PAUSE.wait(0.02)
 
 
-def late(path: Path, monitor: Monitor, episodes: int) -> tuple[float | str, float | str]:
-    """Return the seconds from a viewer's start until it had a picture and the curves, and until all of these.
+def late(path: Path, monitor: Monitor, episodes: int) -> tuple[float | str, float | str, int]:
+    """Return the seconds from a viewer's start until it had a picture and the curves, and until all of these;
+    and how many episodes it had in the end.
 
     What it saves is only measured while it comes, and read afterwards: its first bytes up to each moment.
     What has not come while it was watched is said to take longer.
@@ -221,7 +222,7 @@ def late(path: Path, monitor: Monitor, episodes: int) -> tuple[float | str, floa
             PAUSE.wait(0.02)
     saved = path.read_bytes() if path.exists() else b""
     shown_s, told_s = reached(sizes, saved, lambda part: _episodes_in(path, part), (1, max(1, episodes)))
-    return _seconds(shown_s), _seconds(told_s)
+    return _seconds(shown_s), _seconds(told_s), _episodes_in(path, saved)
 
 
 def _seconds(reached_s: float | None) -> float | str:
