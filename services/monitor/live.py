@@ -15,7 +15,8 @@ import rerun_bindings
 from services.monitor.blueprint import blueprint
 from services.monitor.config import LOOPBACK, Addresses, MonitorError, free_port, port_error
 from services.monitor.guard import Guard
-from services.monitor.rows import Picture, Row, Rows
+from services.monitor.rows import Document, Picture, Row, Rows
+from services.monitor.status import NOW
 from services.monitor.waiting_rows import WaitingRows
 from services.monitor.writer import APPLICATION, NamedActions, Writer, stream
 
@@ -117,6 +118,14 @@ class Live:
         self._sessions[recording_id].write(row)
 
 
+def is_of_the_moment(row: Row) -> bool:
+    """Tell whether a row is shown while it lasts, so that a late viewer needs the last one alone.
+
+    Hours of them would push the curves out of what their server remembers.
+    """
+    return isinstance(row, Picture) or (isinstance(row, Document) and row.entity == NOW)
+
+
 class _LiveSession:
     """A session's two streams: one recording to a viewer that has opened both servers."""
 
@@ -135,7 +144,7 @@ class _LiveSession:
 
     def write(self, row: Row) -> None:
         """Send a row to the server it belongs to."""
-        (self._scene_writer if isinstance(row, Picture) else self._curves_writer).write(row)
+        (self._scene_writer if is_of_the_moment(row) else self._curves_writer).write(row)
 
     def close(self) -> None:
         """Send what is left; a server that hangs is left behind."""

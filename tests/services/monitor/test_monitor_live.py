@@ -8,14 +8,18 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from protocol.messages import Episode
 from services.monitor.config import LOOPBACK, Addresses, MonitorError, free_port
 from services.monitor.live import Live
+from services.monitor.rows import Document, Moment, Row, Rows
 from services.monitor.service import MonitorConfig
 from services.monitor.web import viewer_program
 from tests.services.monitor.feeder import Lesson
@@ -138,6 +142,36 @@ def test_a_late_viewer_sees_the_whole_past(monitor: Running, tmp_path: Path) -> 
     finally:
         viewer.end()
     assert viewer.seen() == ([0, 1, 2], True)
+
+
+def test_how_things_stand_comes_with_the_pictures_and_leaves_the_server_of_curves_to_the_curves(
+    tmp_path: Path,
+) -> None:
+    scene_port = free_port(set())
+    addresses = Addresses(scene_port, free_port({scene_port}), web_port=None)
+    live = Live(addresses)
+    scene = SavingViewer(tmp_path / "scene.rrd", replace(addresses, curves_port=scene_port))
+    curves = SavingViewer(tmp_path / "curves.rrd", replace(addresses, scene_port=addresses.curves_port))
+
+    def texts(viewer: SavingViewer) -> dict[str, list[Any]]:
+        with suppress(OSError, RuntimeError, ValueError), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the file is still being written
+            return {
+                entity: [text for _, (text,) in rows_of(viewer.path, entity, "TextDocument:text")]
+                for entity in ("now", "episodes")
+            }
+        return {}
+
+    try:
+        rows: list[Row] = [Document(name, Moment(1), name) for name in ("now", "episodes")]
+        live.show("told", Rows(curves=rows))
+        eventually(lambda: bool(texts(scene).get("now")) and bool(texts(curves).get("episodes")))
+        assert {name for name, found in texts(scene).items() if found} == {"now"}
+        assert {name for name, found in texts(curves).items() if found} == {"episodes"}
+    finally:
+        scene.end()
+        curves.end()
+        live.close(DEADLINE_S)
 
 
 def test_a_stopped_viewer_never_stops_another(monitor: Running, tmp_path: Path) -> None:
