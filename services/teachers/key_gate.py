@@ -95,6 +95,11 @@ class KeyGate(Generic[D]):
         self._answered = self._shown
         return Verdict.COUNTS
 
+    @property
+    def waits(self) -> bool:
+        """Whether a press may still count: ask `confirmed`, again if need be."""
+        return self._waiting is not None
+
     def confirmed(self, now_ns: int) -> Press[D] | None:
         """Return the waiting press once it is known that its key is not held."""
         waiting = self._waiting

@@ -270,7 +270,7 @@ class KeyboardApp(App[int]):
         if verdict is Verdict.COUNTS and self._on_screen is not None:
             self._say(self._on_screen.decision, key, now_ns)
         elif verdict is Verdict.WAITS:
-            self.set_timer(CONFIRM_MS / 1000, self._confirm)
+            self._confirm_later()
         elif verdict is Verdict.HELD:
             self._tell("held key ignored")
         elif verdict is Verdict.ALREADY:
@@ -280,10 +280,15 @@ class KeyboardApp(App[int]):
             why = "paused, z goes on" if paused else "nothing was asked"
             self._tell(f"{ANSWERING[key]} dropped: {why}")
 
+    def _confirm_later(self) -> None:
+        self.set_timer(CONFIRM_MS / 1000, self._confirm)
+
     def _confirm(self) -> None:
         press = self.gate.confirmed(self._clock.now_ns())
         if press is not None:
             self._say(press.decision.decision, press.key, press.pressed_ns)
+        elif self.gate.waits:  # the timer's clock is not ours
+            self._confirm_later()
 
     def _say(self, decision: Decision, key: str, pressed_ns: int) -> None:
         said = spoken(decision, key)

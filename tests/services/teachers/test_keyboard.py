@@ -174,6 +174,20 @@ def test_the_same_key_tapped_twice_answers_both_decisions_with_its_own_time() ->
     at_terminal(play)
 
 
+def test_a_press_that_is_looked_at_too_early_is_looked_at_again() -> None:
+    async def play(terminal: Terminal) -> None:
+        await terminal.press("up")
+        await terminal.asked(decision=1)
+        await terminal.press("up", after_ms=600)
+        await terminal.pilot.pause(0.4)
+        assert len(terminal.learner.answers) == 1
+        terminal.clock.advance(400 * 1_000_000)
+        await terminal.until(lambda: len(terminal.learner.answers) == 2)
+        assert terminal.learner.answers[1].response_ms == 600
+
+    at_terminal(play)
+
+
 def test_keys_of_the_other_kind_of_answer_are_explained_and_send_nothing() -> None:
     async def play(terminal: Terminal) -> None:
         await terminal.press("p")
