@@ -4,6 +4,7 @@ Time is an argument; no thread, no wire, no viewer.
 """
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 from protocol.messages import Crowd, Decision, Episode, SessionReport, Step, World
@@ -218,7 +219,7 @@ class SessionView:
         return Curves(row.entity, tuple(row.moments[number] for number in kept), row.values[kept])
 
     def _send_waiting(self, rows: Rows) -> None:
-        waiting, self._waiting = self._waiting, []
+        waiting, self._waiting = _newest_texts(self._waiting), []
         rows.curves.extend(merged(row for row in waiting if not isinstance(row, Curves) or row.moments))
         if self._earlier is None and self._past:
             rows.scene[:0] = self._past
@@ -298,3 +299,14 @@ class SessionView:
         if text != self._told:
             self._told = text
             rows.curves.append(Document(NOW, self.chronicle.moment, text))
+
+
+def _newest_texts(rows: Iterable[Row]) -> list[Row]:
+    """Leave out each text that a newer one of the batch stands for: nobody would see it, and it is kept."""
+    rows = list(rows)
+    newest = {row.entity: number for number, row in enumerate(rows) if isinstance(row, Document)}
+    return [
+        row
+        for number, row in enumerate(rows)
+        if not isinstance(row, Document) or newest[row.entity] == number
+    ]

@@ -92,3 +92,14 @@ def test_the_file_is_given_one_batch_of_each_kind_in_ten_seconds() -> None:
             if not isinstance(row, Document | Picture)
         )
         assert set(kinds.values()) <= {1}
+
+
+def test_of_several_texts_in_a_batch_viewers_are_sent_the_newest_and_the_recording_has_all() -> None:
+    view, kept, live = SessionView(0.0), 0, 0
+    for number, message in enumerate(Lesson(room="#####\n#@$.#\n#####", episodes=400).messages()):
+        view.take(message, number / 10)
+    for due in (view.tick(1000.0), view.flush(1001.0)):
+        kept += sum(isinstance(row, Document) and row.entity == "episodes" for row in due.kept.curves)
+        live += sum(isinstance(row, Document) and row.entity == "episodes" for row in due.live.curves)
+    assert kept > 5
+    assert live == 1
