@@ -21,6 +21,7 @@ from services.monitor.rows import (
     Row,
 )
 from services.monitor.status import SIGNS
+from sfid_core.teaching.merge import ACTIONS_MAX
 
 APPLICATION = "sfid"
 LINES: dict[str, tuple[tuple[tuple[int, ...], ...], tuple[float, ...]]] = {
@@ -38,8 +39,6 @@ of teachers would be taken for teachers."""
 
 NamedActions = dict[str, dict[str, None]]
 """Of each lane the actions that its states are about."""
-ACTIONS_NAMED_MAX = 64
-"""As many as a session may have."""
 
 
 def stream(recording_id: str, tick_s: float, *, send_properties: bool) -> rr.RecordingStream:
@@ -133,7 +132,7 @@ class Writer:
         known = self._actions.setdefault(row.teacher, dict.fromkeys(SIGNS))
         # A world of other actions tells their names as they come.
         for state in row.states:
-            if state and len(known) < ACTIONS_NAMED_MAX:
+            if state and len(known) < ACTIONS_MAX:
                 known.setdefault(state.removesuffix(curves.DIFFERED))
         if self._styled.get(row.teacher) != len(known):
             self._styled[row.teacher] = len(known)
