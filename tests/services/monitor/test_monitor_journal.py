@@ -22,7 +22,7 @@ from services.monitor.scene import TeacherColours, draw_world, frames_of_step, r
 from services.monitor.service import MonitorConfig
 from services.monitor.session_view import SessionView
 from services.monitor.worker import Worker
-from services.runtime.bus import Reply
+from services.runtime.bus import Received, Reply
 from services.runtime.memory_bus import MemoryBus
 from sfid_core.sokoban.actions import ACTIONS
 from tests.services.cli.command_line import sfid
@@ -269,3 +269,18 @@ def test_an_answer_that_is_no_page_ends_the_past_and_watching_goes_on() -> None:
     past.take(Reply(ok=False, payload=encode(step)))
     assert past.is_done()
     assert [row.entity for row in view.chronicle.take().scene] == ["world", "policy"]
+
+
+def test_whoever_watches_costs_the_learner_one_publish_a_step_and_one_an_episode(room: Classroom) -> None:
+    heard: list[Received] = []
+    room.watcher.subscribe(f"{KEYS.root}/session/**", heard.append)
+    taught(room, 60)
+    told = [message for message in heard if message.key != KEYS.decision("s1")]
+    assert {message.key for message in told} == {KEYS.measures("s1")}
+    read: list[Step | Episode] = [decode(message.payload, Step | Episode) for message in told]  # type: ignore[arg-type]
+    steps = [message.decision for message in read if isinstance(message, Step)]
+    episodes = [message.episode for message in read if isinstance(message, Episode)]
+    assert steps == list(range(len(steps)))
+    assert len(steps) >= 60
+    assert episodes == list(range(len(episodes)))
+    assert episodes
