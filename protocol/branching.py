@@ -11,8 +11,9 @@ from typing import NamedTuple
 import msgspec
 
 from protocol.codec import decode, encode, pack, read
+from protocol.fields import Count, Name
 from protocol.journal import Kind, Record, events_of, read_step_body, step_body
-from protocol.messages import Count, CreateSession, Name
+from protocol.messages import CreateSession
 from protocol.translate import action_names, config_of
 from sfid_core.session.events import StepTaken
 from sfid_core.session.machine import advance

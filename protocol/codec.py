@@ -50,15 +50,15 @@ def encode(message: Wire) -> bytes:
     return _WRITER.encode(message)
 
 
-_READERS: dict[Any, msgspec.msgpack.Decoder[Any]] = {}
-"""By the type, or union of types, that is expected."""
+class _Readers(dict[Any, msgspec.msgpack.Decoder[Any]]):
+    """A reader by the type, or union of types, that is expected; made when it is first asked for."""
+
+    def __missing__(self, expected: Any) -> msgspec.msgpack.Decoder[Any]:  # noqa: ANN401 - a union is no type
+        reader = self[expected] = msgspec.msgpack.Decoder(expected)
+        return reader
 
 
-def _reader(expected: type[T]) -> msgspec.msgpack.Decoder[T]:
-    reader = _READERS.get(expected)
-    if reader is None:
-        reader = _READERS[expected] = msgspec.msgpack.Decoder(expected)
-    return reader
+_READERS = _Readers()
 
 
 def decode(payload: bytes, expected: type[M]) -> M:
@@ -93,7 +93,7 @@ def read(body: bytes, expected: type[T]) -> T:
 def _quickly(payload: bytes, expected: type[T]) -> T | None:
     """Return the value where the bytes are just what this codec writes for it, None where they may not be."""
     try:
-        value: T = _reader(expected).decode(payload)
+        value: T = _READERS[expected].decode(payload)
         return value if _WRITER.encode(value) == payload else None
     except (msgspec.DecodeError, ValueError, RecursionError):
         return None

@@ -17,8 +17,9 @@ from protocol.crowd_journal import (
     reliability_row,
     row_body,
 )
+from protocol.fields import Name
 from protocol.journal import Record, read_answer_body
-from protocol.messages import Answer, MistakeMark, Name
+from protocol.messages import Answer, MistakeMark
 from sfid_core.crowd.round import Crowd
 from sfid_core.teaching.answers import Answer as Said
 from sfid_core.teaching.answers import AnswerKind

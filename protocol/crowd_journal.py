@@ -13,8 +13,9 @@ from typing import Any, NamedTuple, TypeVar, cast
 import msgspec
 
 from protocol.codec import DecodeError, DecodeFault, decode, pack, printable, read
+from protocol.fields import ActionNames, Count, Finite, Milliseconds, Name, StateKey, View
 from protocol.journal import Record, read_answer_body
-from protocol.messages import ActionNames, Answer, Count, Finite, Milliseconds, Name, StateKey, View
+from protocol.messages import Answer
 from protocol.translate import UnknownAction, answer_given
 from sfid_core.crowd.round import (
     Acknowledged,

@@ -19,7 +19,7 @@ from itsdangerous.encoding import base64_decode, base64_encode
 from msgspec import Meta
 
 from protocol.codec import DecodeError, pack, unpack
-from protocol.messages import Count, Name
+from protocol.fields import Count, Name
 
 TOKEN_CHARACTERS_MAX = 512
 """The longest honest token has about 260."""

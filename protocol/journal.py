@@ -13,17 +13,8 @@ from typing import Annotated, NamedTuple, TypeVar
 import msgspec
 
 from protocol.codec import DecodeError, DecodeFault, decode, encode, pack, printable, read
-from protocol.messages import (
-    Answer,
-    Count,
-    CreateSession,
-    Finite,
-    Name,
-    Nanoseconds,
-    StateKey,
-    Text,
-    View,
-)
+from protocol.fields import Count, Finite, Name, Nanoseconds, StateKey, Text, View
+from protocol.messages import Answer, CreateSession
 from protocol.translate import UnknownAction, action_names, answer_given, config_of, named
 from sfid_core.outcome import Outcome
 from sfid_core.session.config import Window, WindowMode
@@ -164,8 +155,8 @@ def step_body(event: StepTaken, elapsed_at_ns: int | None) -> bytes:
         elapsed_at_ns,
         event.distance,
     ]
-    followed = (event.action, event.undone)
-    return pack(fields if followed == (-1, -1) else [*fields, *followed])
+    plain = event.action == event.undone == -1
+    return pack(fields if plain else [*fields, event.action, event.undone])
 
 
 def read_step_body(body: bytes) -> tuple[StepTaken, int | None]:

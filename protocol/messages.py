@@ -9,32 +9,39 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
+from protocol.fields import (
+    ACTION_NAME,
+    NAME,
+    ActionName,
+    ActionNames,
+    Asked,
+    Check,
+    CheckKey,
+    Count,
+    Finite,
+    Id,
+    MetActionName,
+    MetName,
+    Milliseconds,
+    Name,
+    Nanoseconds,
+    OutcomeName,
+    ParameterName,
+    ParameterWord,
+    Probability,
+    Reward,
+    Shard,
+    Shards,
+    StateKey,
+    Text,
+    Token,
+    View,
+    is_action_name,
+    is_name,
+)
+
 Schema = Literal[1]
 SCHEMA: Schema = 1
-# \Z and not $: a dollar also matches before a line feed at the end, and "ann\n" would be a name.
-Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,47}\Z")]
-ActionName = Annotated[str, Meta(pattern=r"^[A-Z][A-Z0-9_]{0,31}\Z")]
-Id = Annotated[bytes, Meta(min_length=16, max_length=16)]
-Check = Annotated[bytes, Meta(min_length=8, max_length=8)]
-CheckKey = Annotated[bytes, Meta(min_length=32, max_length=32)]
-ParameterName = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]{0,31}\Z")]
-ParameterWord = Annotated[str, Meta(max_length=32)]
-StateKey = Annotated[bytes, Meta(max_length=32)]
-Count = Annotated[int, Meta(ge=0, le=2**53 - 1)]
-Nanoseconds = Annotated[int, Meta(ge=0, le=2**63 - 1)]
-Milliseconds = Annotated[int, Meta(ge=0, le=2**40)]
-Finite = Annotated[float, Meta(ge=-1.7e308, le=1.7e308)]
-"""Any float64 but NaN and the infinities."""
-Reward = Annotated[float, Meta(ge=-1.0, le=1.0)]
-Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
-Shard = Annotated[int, Meta(ge=0, le=1_023)]
-Shards = Annotated[int, Meta(ge=1, le=1_024)]
-Text = Annotated[str, Meta(max_length=512)]
-View = Annotated[str, Meta(max_length=32_768)]
-Token = Annotated[str, Meta(max_length=1024)]
-ActionNames = Annotated[tuple[ActionName, ...], Meta(min_length=1, max_length=64)]
-Asked = Literal["label", "reward", "guidance", "undo", "mistake", "nothing"]
-OutcomeName = Literal["running", "solved", "deadlock", "cap"]
 
 
 class Wire(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, gc=False):
@@ -139,38 +146,6 @@ class Episode(Wire, frozen=True, kw_only=True, tag="episode"):
     outcome: OutcomeName
 
 
-# ---------------------------------------------------------------- aggregator -> monitor
-
-
-class WorkerReliability(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How often a worker of a crowd is right, as far as the aggregator knows."""
-
-    worker: Name
-    mean: Probability
-    standard_error: Probability
-    labels: Count
-    standing: Name
-    present: bool
-
-
-class Crowd(Wire, frozen=True, kw_only=True, tag="crowd"):
-    """A crowd as it stands after a decision: what its answers came to, and how reliable its workers are."""
-
-    session: Name
-    aggregator: Name
-    epoch: Count
-    decision: Count
-    at_ns: Nanoseconds
-    cause: Literal["quorum", "deadline", "overtaken"]
-    members: Count
-    answered: Count
-    action: ActionName | None = None
-    posterior: Annotated[dict[ActionName, Probability], Meta(max_length=64)] | None = None
-    conclusions: Count
-    too_late: Count
-    workers: Annotated[tuple[WorkerReliability, ...], Meta(max_length=256)] = ()
-
-
 # ---------------------------------------------------------------- teachers -> learner, and its replies
 
 
@@ -199,21 +174,30 @@ class Answer(Wire, frozen=True, kw_only=True, tag="answer"):
     """A teacher's answer to one decision; the id is made and stored by the teacher before it is sent."""
 
     answer_id: Id
-    session: Name
-    teacher: Name
+    session: MetName
+    teacher: MetName
     epoch: Count
     decision: Count
     episode: Count
     step: Count
     state: StateKey
     kind: Asked | Literal["abstain"]
-    action: ActionName | None = None
+    action: MetActionName | None = None
     reward: Reward | None = None
     guidance: Annotated[tuple[ActionName, ...], Meta(max_length=64)] = ()
     mistake: MistakeMark | None = None
     posterior: Annotated[dict[ActionName, Probability], Meta(max_length=64)] | None = None
     response_ms: Milliseconds | None = None
     token: Token | None = None
+
+    def __post_init__(self) -> None:
+        """Hold the names to their forms; a ValueError tells which has none."""
+        action = self.action
+        if not (is_name(self.session) and is_name(self.teacher)):
+            wrong = "session" if is_name(self.teacher) else "teacher"
+            raise ValueError(f"`{wrong}` is a name of the form {NAME}")
+        if action is not None and not is_action_name(action):
+            raise ValueError(f"`action` is the name of an action, of the form {ACTION_NAME}")
 
 
 class Acknowledgement(Wire, frozen=True, kw_only=True, tag="acknowledgement"):

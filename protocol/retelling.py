@@ -7,8 +7,9 @@ from collections.abc import Iterable, Iterator
 
 from protocol.codec import DecodeError, DecodeFault, decode, printable
 from protocol.crowd_journal import ClosedRow, CrowdKind, FoldedCrowd, apply_row, fold_crowd, read_body
+from protocol.crowd_message import Crowd, WorkerReliability
 from protocol.journal import Kind, Record, events_of, read_answer_body
-from protocol.messages import Answer, CreateSession, Crowd, Decision, Episode, Step, WorkerReliability
+from protocol.messages import Answer, CreateSession, Decision, Episode, Step
 from protocol.translate import (
     UnknownAction,
     action_names,

@@ -7,7 +7,8 @@ from typing import Annotated
 
 from msgspec import Meta, field
 
-from protocol.messages import Count, LabelTotals, Name, Text, Wire
+from protocol.fields import Count, Name, Text
+from protocol.messages import LabelTotals, Wire
 
 COMMIT_BOUNDS_US = (250, 500, 1_000, 2_000, 5_000, 10_000, 50_000, 250_000, 1_000_000)
 """Upper bounds of the histogram of commits in microseconds; a last bin holds what took longer."""

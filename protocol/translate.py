@@ -6,6 +6,7 @@ from functools import lru_cache
 from math import inf
 
 from protocol import messages as wire
+from protocol.fields import Asked
 from protocol.world_messages import UNDO
 from sfid_core.session.config import SessionConfig, Window, WindowMode, WorldSpec
 from sfid_core.session.events import AnswerGiven
@@ -143,7 +144,7 @@ def _answer(message: wire.Answer, numbers: Mapping[str, int]) -> Answer:
 
 
 _KINDS = {kind.value: kind for kind in AnswerKind}
-_ASKED: dict[AnswerKind | None, wire.Asked] = {
+_ASKED: dict[AnswerKind | None, Asked] = {
     None: "nothing",
     AnswerKind.LABEL: "label",
     AnswerKind.REWARD: "reward",

@@ -4,19 +4,8 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from protocol.messages import (
-    ActionName,
-    ActionNames,
-    Count,
-    Finite,
-    GymWorld,
-    Name,
-    OutcomeName,
-    StateKey,
-    View,
-    Wire,
-    World,
-)
+from protocol.fields import ActionName, ActionNames, Count, Finite, Name, OutcomeName, StateKey, View
+from protocol.messages import GymWorld, Wire, World
 
 UNDO = "UNDO"
 """In place of an action's name: the environment takes the last step back."""

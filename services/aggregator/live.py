@@ -4,7 +4,7 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from protocol.crowd_journal import HANDED_KEPT, AskedRow, CrowdConfig, FoldedCrowd, Handed
-from protocol.messages import Crowd as CrowdReport
+from protocol.crowd_message import Crowd as CrowdReport
 from protocol.messages import Decision, Episode, Join, WindowSpec
 from services.aggregator.upstream import Upstream
 from services.runtime.bus import Request

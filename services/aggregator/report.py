@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from protocol.codec import encode
 from protocol.crowd_journal import CrowdKind, reliability_row, row_body
-from protocol.messages import Crowd, WorkerReliability
+from protocol.crowd_message import Crowd, WorkerReliability
 
 if TYPE_CHECKING:
     from protocol.messages import Answer

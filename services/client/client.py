@@ -10,10 +10,10 @@ from types import TracebackType
 from typing import Any, Literal, Self, cast
 
 from protocol.codec import DecodeError, decode, encode
+from protocol.fields import Asked
 from protocol.keys import Keys, checked
 from protocol.messages import (
     Answer,
-    Asked,
     Control,
     Decision,
     Done,

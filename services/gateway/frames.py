@@ -10,18 +10,8 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
-from protocol.messages import (
-    ActionName,
-    Answer,
-    Asked,
-    Count,
-    Decision,
-    Episode,
-    Milliseconds,
-    MistakeMark,
-    Name,
-    Reward,
-)
+from protocol.fields import ActionName, Asked, Count, Milliseconds, Name, Reward
+from protocol.messages import Answer, Decision, Episode, MistakeMark
 from services.screens import Screen, Value
 
 VERSION = 1

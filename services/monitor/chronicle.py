@@ -7,7 +7,8 @@ A decision carries no time of its own and stands at that of the last step before
 from collections import deque
 from collections.abc import Callable
 
-from protocol.messages import Crowd, Decision, Episode, Step
+from protocol.crowd_message import Crowd
+from protocol.messages import Decision, Episode, Step
 from services.gym.rendering import is_board
 from services.monitor import sampling
 from services.monitor.curves import Agreement, EpisodeCurves, EpisodeSequence, EventLog, Lanes

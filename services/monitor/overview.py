@@ -7,6 +7,7 @@ from math import isnan
 import numpy as np
 import numpy.typing as npt
 
+from protocol.messages import Decision
 from services import tiles
 from services.monitor import font
 from services.monitor.rows import Colour, Indexed, Moment, Picture
@@ -90,16 +91,23 @@ def _standing(view: SessionView, now_s: float) -> tuple[str, bool]:
         return "not heard yet", False
     if decision.paused:
         return "paused", False
+    trouble = _trouble(view, decision, waited_s)
+    return trouble or ("teaching" if decision.teachers_present else "running alone"), bool(trouble)
+
+
+def _trouble(view: SessionView, decision: Decision, waited_s: float) -> str:
+    """Return in a few words why somebody should look after a session that goes on, if somebody should."""
     if decision.phase == "gathering":
-        return "waiting for teachers", True
+        return "waiting for teachers"
+    if decision.phase == "asking" and decision.remaining_ms is None and not decision.teachers_present:
+        return "nobody to answer"
     if decision.phase == "asking" and waited_s > UNANSWERED_S:
-        return f"no step for {_span(waited_s)}", True
+        return f"no step for {_span(waited_s)}"
     if decision.phase != "asking" and waited_s > SILENT_S:
-        return f"silent for {_span(waited_s)}", True
+        return f"silent for {_span(waited_s)}"
     latest = [episode.outcome for episode in view.recent][-LOST_EPISODES:]
-    if len(latest) == LOST_EPISODES and "solved" not in latest:
-        return f"{LOST_EPISODES} episodes unsolved", True
-    return ("teaching" if decision.teachers_present else "running alone"), False
+    lost = len(latest) == LOST_EPISODES and "solved" not in latest
+    return f"{LOST_EPISODES} episodes unsolved" if lost else ""
 
 
 def _span(seconds: float) -> str:

@@ -4,7 +4,8 @@ Without an aggregator the labels of teachers who answer side by side are weighed
 accuracy a teacher, `sfid_core.crowd`); one teacher alone has nobody to be compared with.
 """
 
-from protocol.messages import Crowd, Step
+from protocol.crowd_message import Crowd
+from protocol.messages import Step
 from services.monitor.rows import Moment, Reliabilities
 from services.monitor.sampling import RELIABILITY_MS, Pace
 from services.monitor.scene import TeacherColours

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from heapq import merge
 from pathlib import Path
 
+from protocol.crowd_message import Crowd
 from protocol.journal import Record
-from protocol.messages import Crowd, Decision, Episode, Step
+from protocol.messages import Decision, Episode, Step
 from protocol.retelling import Retelling, retold_crowd
 from services.monitor.chronicle import Chronicle
 from services.monitor.config import MonitorError

@@ -7,7 +7,8 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
-from protocol.messages import Crowd, Decision, Episode, SessionReport, Step, World
+from protocol.crowd_message import Crowd
+from protocol.messages import Decision, Episode, SessionReport, Step, World
 from services.gym.rendering import is_board
 from services.monitor.chronicle import Chronicle, wall
 from services.monitor.config import TEACH

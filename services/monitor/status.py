@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from protocol.messages import Decision, Episode, SaidBy, SessionReport, Step
+from protocol.messages import Decision, Episode, SaidBy, SessionReport, Step, WindowSpec
 from services.monitor.config import TEACH
 
 PHASES = {
@@ -46,8 +46,8 @@ def open_markdown(
         return "\n\n".join(_standing(report, teach))
     phase = f"**{_phase(decision)}**{_count_down(decision, left_s, waited_s)}"
     lines = [_heading(decision, decision.step), phase]
-    window = f"window {decision.window.span_ms / 1000:g} s, {WINDOWS[decision.window.mode]}"
-    lines += [_present(decision), *[OF_TWO] * of_two, f"method **{decision.method}** · {window}"]
+    method = f"method **{decision.method}** · window {_window(decision.window)}"
+    lines += [_present(decision), *[OF_TWO] * of_two, method]
     lines += _hint(decision.phase, decision.session, teach)
     return "\n\n".join(lines)
 
@@ -55,7 +55,7 @@ def open_markdown(
 def step_markdown(step: Step, decision: Decision | None, *, of_two: bool = False) -> str:
     """Return what a learnt step was: what was said, done and learnt."""
     of = "" if decision is None else f" of {decision.episodes}"
-    heading = f"**{step.session}** · episode {step.episode + 1}{of}, step {step.step}"
+    heading = f"**{step.session}** · episode {step.episode + 1}{of}, step {step.step + 1}"
     lines = [heading, f"agent went **{_sign(step.action)}**"]
     if step.said:
         said = " · ".join(_saying(each) for each in step.said[:NAMES_SHOWN_MAX])
@@ -115,9 +115,7 @@ def events_between(before: Decision | None, after: Decision) -> list[str]:
     if after.epoch != before.epoch:
         events.append(f"the learner was restarted or replaced (epoch {after.epoch})")
     if after.window != before.window:
-        events.append(
-            f"the window for answers is now {after.window.span_ms} ms, {WINDOWS[after.window.mode]}"
-        )
+        events.append(f"the window for answers is now {_window(after.window)}")
     for verb, names in (
         ("joined", sorted(set(after.teachers) - set(before.teachers))),
         ("left", sorted(set(before.teachers) - set(after.teachers))),
@@ -145,7 +143,12 @@ def _hint(phase: str, session: str, teach: str) -> list[str]:
 
 def _heading(decision: Decision, step: int) -> str:
     episode = min(decision.episode + 1, decision.episodes)
-    return f"**{decision.session}** · episode {episode} of {decision.episodes}, step {step}"
+    return f"**{decision.session}** · episode {episode} of {decision.episodes}, step {step + 1}"
+
+
+def _window(window: WindowSpec) -> str:
+    length = "" if window.mode == "until-answered" else f"{window.span_ms / 1000:g} s, "
+    return length + WINDOWS[window.mode]
 
 
 def _phase(decision: Decision) -> str:

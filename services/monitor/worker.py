@@ -8,16 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any, cast
 
 from protocol.codec import DecodeError, decode, encode, printable
+from protocol.crowd_message import Crowd
 from protocol.keys import Keys
-from protocol.messages import (
-    Crowd,
-    Decision,
-    Episode,
-    SessionQuery,
-    SessionReport,
-    SessionSummary,
-    Step,
-)
+from protocol.messages import Decision, Episode, SessionQuery, SessionReport, SessionSummary, Step
 from protocol.session_union import union
 from services.monitor.config import MonitorConfig, MonitorError
 from services.monitor.inbox import Asked, Inbox, Listed, Shown, Told
@@ -37,8 +30,9 @@ ASK_TIMEOUT_MS = 3_000
 REPORT_EPISODES_MAX = 100
 LAST_ROUNDS = 8
 """Rounds after the stop at least: an answer that has just come may lead to one more question."""
-LAST_S = 1.5
-"""For how long the rest is worked off after the stop; what waits then is counted as dropped."""
+LAST_S = 1.0
+"""For how long the rest is worked off after the stop; what waits then is counted as dropped, and the files
+are closed, for which a busy machine needs longer than this."""
 HELD_MAX = 100
 """Batches of rows held back for viewers of a session that waits for its teachers: events, most of all."""
 UNSHOWN_S = 60.0

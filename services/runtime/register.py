@@ -17,8 +17,8 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+from protocol.fields import Count
 from protocol.identity import Identity, NameOrNone, Role, TokenId, sign
-from protocol.messages import Count
 
 NAME = "register.jsonl"
 _LETTERS = "abcdefghjkmnpqrstuvwxyz23456789"

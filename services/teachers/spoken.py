@@ -2,7 +2,8 @@
 
 from typing import Literal, NamedTuple
 
-from protocol.messages import Asked, Decision, MistakeMark
+from protocol.fields import Asked
+from protocol.messages import Decision, MistakeMark
 from services.teachers.panel import ARROWS
 
 DIRECTIONS = {

@@ -14,8 +14,9 @@ from pathlib import Path
 import msgspec
 from msgspec import inspect
 
-from protocol import messages, world_messages
+from protocol import crowd_message, messages, world_messages
 from protocol.codec import encode, pack, unpack
+from protocol.fields import ACTION_NAME, NAME
 from protocol.messages import Acknowledgement, Wire
 from tests.protocol.samples import LABEL
 
@@ -171,17 +172,14 @@ MEANINGS = {
 }
 """By field, or by message and field where that message means something of its own."""
 
-_PATTERNS = {
-    r"^[a-z0-9][a-z0-9_-]{0,47}\Z": "name",
-    r"^[A-Z][A-Z0-9_]{0,31}\Z": "action",
-}
+_PATTERNS = {NAME: "name", ACTION_NAME: "action"}
 
 
 def types() -> list[type[msgspec.Struct]]:
-    """Every message and every part of one, in the order of messages.py and world_messages.py."""
+    """Every message and every part of one, in the order of their files."""
     return [
         each
-        for each in (*vars(messages).values(), *vars(world_messages).values())
+        for each in (*vars(messages).values(), *vars(crowd_message).values(), *vars(world_messages).values())
         if isinstance(each, type) and issubclass(each, msgspec.Struct) and each not in (Wire, msgspec.Struct)
     ]
 
@@ -203,6 +201,8 @@ def said(kind: inspect.Type) -> str:  # noqa: C901, PLR0911, PLR0912 - a case a 
             return "float, finite" if low == -1.7e308 else f"float {low:g} to {high:g}"
         case inspect.StrType(pattern=pattern) if pattern in _PATTERNS:
             return _PATTERNS[pattern]
+        case inspect.Metadata(type=inspect.StrType(), extra={"form": form}):
+            return _PATTERNS[form]
         case inspect.StrType(pattern=str(pattern)):
             return f"text of the form `{pattern}`".replace("|", "\\|").replace("\\Z", "$")
         case inspect.StrType(max_length=length):

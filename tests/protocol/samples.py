@@ -1,12 +1,12 @@
 """One full and one spare example of every message, for vectors, round trips and hostile bytes."""
 
+from protocol.crowd_message import Crowd, WorkerReliability
 from protocol.messages import (
     Acknowledgement,
     Answer,
     Branch,
     Control,
     CreateSession,
-    Crowd,
     Decision,
     Done,
     Episode,
@@ -27,7 +27,6 @@ from protocol.messages import (
     Welcome,
     WindowSpec,
     Wire,
-    WorkerReliability,
     World,
 )
 from protocol.world_messages import Begin, Begun, ExecuteAction, Executed

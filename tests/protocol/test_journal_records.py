@@ -1,5 +1,6 @@
 """Journal records: every event there and back, and damage told as damage."""
 
+from dataclasses import replace
 from random import Random
 
 import msgspec
@@ -82,6 +83,13 @@ def test_a_step_comes_back_with_the_closing_that_led_to_it() -> None:
     closed = Record(Kind.STEP.value, 42, step_body(STEP, 40))
     assert list(events_of(alone, NUMBERS)) == [(42, STEP)]
     assert list(events_of(closed, NUMBERS)) == [(40, WindowElapsed()), (42, STEP)]
+
+
+@pytest.mark.parametrize("action, undone", [(2, 0), (4, 1), (2, -1), (-1, 1)])
+def test_a_step_comes_back_with_what_was_done_where_answers_were_erased(action: int, undone: int) -> None:
+    followed = replace(STEP, action=action, undone=undone)
+    row = Record(Kind.STEP.value, 42, step_body(followed, None))
+    assert list(events_of(row, NUMBERS)) == [(42, followed)]
 
 
 def test_an_answer_comes_back_as_it_was_sent_with_what_its_teacher_was_told() -> None:

@@ -6,7 +6,7 @@ from typing import get_args
 import msgspec
 import pytest
 
-from protocol import messages, world_messages
+from protocol import crowd_message, messages, world_messages
 from protocol.codec import DecodeError, decode, encode, unpack
 from protocol.messages import Wire
 from tests.protocol.make_vectors import NAMED, VECTORS, readable, type_name
@@ -32,7 +32,7 @@ def test_the_readable_twin_says_what_the_bytes_hold(name: str) -> None:
 def test_every_message_has_one_vector_and_every_vector_one_message() -> None:
     types = {
         each
-        for each in (*vars(messages).values(), *vars(world_messages).values())
+        for each in (*vars(messages).values(), *vars(crowd_message).values(), *vars(world_messages).values())
         if isinstance(each, type) and issubclass(each, Wire) and each is not Wire
     }
     assert {type(message) for message in FULL} == types

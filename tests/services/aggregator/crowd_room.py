@@ -7,9 +7,10 @@ from typing import Any
 
 from protocol.codec import decode
 from protocol.crowd_journal import FoldedCrowd, fold_crowd
+from protocol.crowd_message import Crowd
 from protocol.journal import Record, read_answer_body
 from protocol.keys import Keys
-from protocol.messages import Acknowledgement, Answer, Crowd, Decision, WindowSpec
+from protocol.messages import Acknowledgement, Answer, Decision, WindowSpec
 from services.aggregator.config import AggregatorConfig
 from services.aggregator.optima import Optima
 from services.aggregator.service import Aggregator

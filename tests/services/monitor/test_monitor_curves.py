@@ -205,9 +205,9 @@ def test_how_things_stand_begins_with_the_name_of_the_session_and_where_it_is() 
     messages = list(Lesson(session="monday", episodes=3).messages())
     opened = next(message for message in messages if isinstance(message, Decision))
     learnt = next(message for message in messages if isinstance(message, Step))
-    assert open_markdown(opened, None, 1.0, 0.0).startswith("**monday** · episode 1 of 3, step 0\n")
-    assert step_markdown(learnt, opened).startswith("**monday** · episode 1 of 3, step 0\n")
-    assert step_markdown(learnt, None).startswith("**monday** · episode 1, step 0\n")
+    assert open_markdown(opened, None, 1.0, 0.0).startswith("**monday** · episode 1 of 3, step 1\n")
+    assert step_markdown(learnt, opened).startswith("**monday** · episode 1 of 3, step 1\n")
+    assert step_markdown(learnt, None).startswith("**monday** · episode 1, step 1\n")
 
 
 def test_the_line_of_an_unsolved_episode_does_not_call_a_longer_way_the_fewest() -> None:

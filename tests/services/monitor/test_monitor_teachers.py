@@ -3,7 +3,8 @@
 import msgspec
 import numpy as np
 
-from protocol.messages import Crowd, Decision, Episode, SaidBy, Step, WorkerReliability
+from protocol.crowd_message import Crowd, WorkerReliability
+from protocol.messages import Decision, Episode, SaidBy, Step
 from services import tiles
 from services.monitor.chronicle import Chronicle
 from services.monitor.doubt_pictures import draw_doubtful
@@ -180,6 +181,9 @@ def test_a_session_that_waits_is_told_apart_from_one_that_goes_on() -> None:
     assert state(999.0, phase="asking", paused=True) == ("paused", False)
     assert state(999.0, phase="finished") == ("finished", False)
     assert state(11.0, phase="asking", teachers=(), teachers_present=0) == ("running alone", False)
+    endless = {"phase": "asking", "remaining_ms": None}
+    assert state(11.0, **endless, teachers=(), teachers_present=0) == ("nobody to answer", True)
+    assert state(11.0, **endless) == ("teaching", False)
 
 
 def test_five_unsolved_episodes_are_a_session_to_look_after() -> None:

@@ -2,7 +2,8 @@
 
 import pytest
 
-from protocol.messages import Asked, Decision, MistakeMark, WindowSpec
+from protocol.fields import Asked
+from protocol.messages import Decision, MistakeMark, WindowSpec
 from services.teachers.spoken import ANSWERING, Spoken, spoken
 
 
