@@ -285,7 +285,7 @@ def run_batch(
     batch = Batch(config, teachers, fast=fast)
     rows = batch.run([config.seed])[0].tolist()
     inputs = sum(int(row[5]) for row in rows)
-    counts = LabelCounts(submitted=inputs, acknowledged=inputs, applied=inputs)
+    counts = LabelCounts(submitted=inputs, applied=inputs)
     episodes = tuple(episode_measures(number, row) for number, row in enumerate(rows))
     return BatchResult(batch.digest(), episodes, counts)
 

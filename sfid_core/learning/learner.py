@@ -24,12 +24,29 @@ def learner_draws(seed: int, session: str) -> Draws:
     return Draws(draw(key, 0), draw(key, 1))
 
 
+class _Rows(dict[bytes, int]):
+    """The number of each state's row; a state met for the first time gets the next one, and a blank row."""
+
+    __slots__ = ("_blank", "_values")
+
+    def __init__(self, values: list[float], width: int) -> None:
+        super().__init__()
+        self._values = values
+        self._blank = (0.0,) * width
+
+    def __missing__(self, state: bytes) -> int:
+        number = self[state] = len(self)
+        self._values.extend(self._blank)
+        return number
+
+
 class Learner:
     """A method at work on states named by key.
 
     Args: actions: number of actions, 1 or more; trail_steps: steps of an episode that a trail holds at most;
     it grows with the episodes, few of which come near their cap.
     Rows that were only looked at count for nothing: digest and length tell of states learnt about.
+    Attributes: settles: whether the action may become another once teachers have answered.
     """
 
     def __init__(
@@ -38,16 +55,15 @@ class Learner:
         self.method = method
         self.parameters = parameters
         self._draws = draws
-        self._numbers: dict[bytes, int] = {}
         self._width = method.width(actions)
-        self._blank = [0.0] * self._width
         values: list[float] = []
+        self._rows = _Rows(values, self._width)
         self._trail: list[float] = []
         self._trail_max = trail_steps * method.trail
         self.memory = Memory(values, [0.0] * method.scalars, self._trail, actions, self._width)
         self._values = values
         # What a method leaves as it is need not be called at every step.
-        self._settles = method.settle is not keep_action
+        self.settles = method.settle is not keep_action
         self._undoes = method.undo is not keep_step
         self._prefers = method.prefer is not prefer
 
@@ -57,16 +73,12 @@ class Learner:
 
     def choose(self, state: bytes, decision: int) -> int:
         """Return the action for `state`; `decision` names every draw."""
-        return self.method.choose(self.memory, self.parameters, self._draws, self._number(state), decision)
+        return self.method.choose(self.memory, self.parameters, self._draws, self._rows[state], decision)
 
     def settle(self, state: bytes, action: int, evidence: Evidence, decision: int) -> int:
         """Return the action that is taken once teachers have answered."""
-        if not self._settles:
-            return action
-        number = self._number(state)
-        return self.method.settle(
-            self.memory, self.parameters, self._draws, number, action, evidence, decision
-        )
+        row = self._rows[state]
+        return self.method.settle(self.memory, self.parameters, self._draws, row, action, evidence, decision)
 
     def undoes(self, evidence: Evidence) -> bool:
         """Tell whether the environment shall take back the step that teachers said this about."""
@@ -86,22 +98,21 @@ class Learner:
         span_ms: float = 0.0,
     ) -> Learned:
         """Update from one transition; `distances` are the fewest steps to solved before and after it."""
-        numbers = self._numbers
-        here = numbers[state] if state in numbers else self._number(state)  # nearly always met before
-        there = numbers[next_state] if next_state in numbers else self._number(next_state)
+        here, there = self._rows[state], self._rows[next_state]
         if self._trail_max and len(self._trail) < (step + 1) * self.method.trail:
             self._lengthen_trail(step)
-        transition = Transition(here, action, reward, there, terminal, step, *distances, span_ms)
+        before, after = distances
+        transition = Transition(here, action, reward, there, terminal, step, before, after, span_ms)
         return self.method.learn(self.memory, self.parameters, transition, evidence)
 
     def values(self, state: bytes) -> tuple[float, ...]:
         """Return how much the policy prefers each action in `state`."""
-        number, actions = self._number(state), self.memory.actions
+        row, actions = self._rows[state], self.memory.actions
         if not self._prefers:
-            at = number * self._width
+            at = row * self._width
             return tuple(self._values[at : at + actions])
         return tuple(
-            [self.method.prefer(self.memory, self.parameters, number, action) for action in range(actions)]
+            [self.method.prefer(self.memory, self.parameters, row, action) for action in range(actions)]
         )
 
     def __len__(self) -> int:
@@ -110,18 +121,11 @@ class Learner:
 
     def sha256(self) -> str:
         """Return the hex SHA-256 of what was learnt; see `table_sha256`."""
-        return table_sha256(self._numbers, self._values, self._width)
+        return table_sha256(self._rows, self._values, self._width)
 
     def _lengthen_trail(self, step: int) -> None:
         wanted = max((step + 1) * self.method.trail, 2 * len(self._trail))
         self._trail.extend([0.0] * (min(wanted, self._trail_max) - len(self._trail)))
-
-    def _number(self, state: bytes) -> int:
-        number = self._numbers.get(state)
-        if number is None:
-            number = self._numbers[state] = len(self._numbers)
-            self._values.extend(self._blank)
-        return number
 
 
 def table_sha256(numbers: dict[bytes, int], values: Sequence[float], width: int) -> str:

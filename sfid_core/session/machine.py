@@ -57,6 +57,8 @@ from sfid_core.teaching.merge import SILENCE, merge
 Effects = tuple[Effect, ...]
 
 NOTHING_LEARNED = Learned(0.0, 0.0, 0.0)
+ANNOUNCE = Announce()
+ANNOUNCED: Effects = (ANNOUNCE,)
 
 # Met at every step, where to find a member through its enum costs 50 ns (CPython 3.11).
 ASKING, EXECUTING = Phase.ASKING, Phase.EXECUTING
@@ -87,21 +89,21 @@ def _joined(session: Session, _at_ns: int, event: TeacherJoined) -> Effects:
     session.teachers.add(event.teacher)
     if session.phase is Phase.GATHERING:
         return _gather(session)
-    return (Announce(),)
+    return ANNOUNCED
 
 
 def _gather(session: Session) -> Effects:
     if len(session.teachers) < session.config.teachers_min:
-        return (Announce(),)
+        return ANNOUNCED
     session.phase = Phase.BEGINNING
-    return Announce(), BeginEpisode(session.episode)
+    return ANNOUNCE, BeginEpisode(session.episode)
 
 
 def _left(session: Session, at_ns: int, event: TeacherLeft) -> Effects:
     if event.teacher not in session.teachers:
         return (Ignored("not present"),)
     session.teachers.discard(event.teacher)
-    return (Announce(), *_close_if_answered(session, at_ns))
+    return (ANNOUNCE, *_close_if_answered(session, at_ns))
 
 
 def _began(session: Session, at_ns: int, event: EpisodeBegan) -> Effects:
@@ -118,7 +120,7 @@ def _open(session: Session, at_ns: int) -> Effects:
     """Pick the action and open the decision; a paused session stays between decisions."""
     if session.paused:
         session.phase = Phase.READY
-        return (Announce(),)
+        return ANNOUNCED
     if session.undo_due:
         return _undo(session, at_ns)
     session.action = session.learner.choose(session.state, session.decision)
@@ -126,7 +128,7 @@ def _open(session: Session, at_ns: int) -> Effects:
     if session.learner.method.asks_before is not None:
         return _ask(session, at_ns)
     session.phase = EXECUTING
-    return Announce(), Execute(session.decision, session.action)
+    return ANNOUNCE, Execute(session.decision, session.action)
 
 
 def _undo(session: Session, at_ns: int) -> Effects:
@@ -134,7 +136,7 @@ def _undo(session: Session, at_ns: int) -> Effects:
     session.action = session.learner.memory.actions
     session.opened_at_ns = at_ns
     session.phase = EXECUTING
-    return Announce(), Execute(session.decision, session.action)
+    return ANNOUNCE, Execute(session.decision, session.action)
 
 
 def _forget_answers(session: Session) -> None:
@@ -149,7 +151,7 @@ def _ask(session: Session, at_ns: int) -> Effects:
     session.asked_at_ns = at_ns
     session.elapsed_ns = 0
     _set_deadline(session, at_ns)
-    return (Announce(),)
+    return ANNOUNCED
 
 
 def _set_deadline(session: Session, at_ns: int) -> None:
@@ -169,15 +171,13 @@ def _answer(session: Session, at_ns: int, event: AnswerGiven) -> Effects:
             counts.rejected += counted
             return (Acknowledge(event.answer_id, AnswerCode.REJECTED, reason),)
         if not is_open_to(session, event):
-            counts.acknowledged += counted
             return (Acknowledge(event.answer_id, _too_late(session, at_ns, event, counted=counted)),)
-    counts.acknowledged += counted
     before = session.answers.get(event.teacher)
     if before is not None and before.answer.kind is not ABSTAIN:
         counts.pending -= 1
         counts.superseded += 1
     counts.pending += counted
-    session.answers[event.teacher] = Given(event.answer_id, event.answer, at_ns)
+    session.answers[event.teacher] = Given(event.answer, at_ns)
     return (Acknowledge(event.answer_id, ACCEPTED), *_close_if_answered(session, at_ns))
 
 
@@ -210,16 +210,18 @@ def _close(session: Session, at_ns: int) -> Effects:
     """Close the window: merge the answers, then act (asked before the action) or learn (asked after it)."""
     session.deadline_ns = None
     learner, before = session.learner, session.evidence
-    answers, first_ns = session.standing_answers()
-    delay_ms = (first_ns - session.asked_at_ns) / 1e6
-    evidence = merge([answer for _, answer in answers], learner.memory.actions, delay_ms)
-    session.given += answers
+    given, first_ns = session.standing_answers()
+    # Nearly always one; a comprehension is a call (CPython 3.11).
+    answers = [given[0][1]] if len(given) == 1 else [answer for _, answer in given]
+    evidence = merge(answers, learner.memory.actions, (first_ns - session.asked_at_ns) / 1e6)
+    session.given += given
     if session.transition is not None:
         guided = before is not None and before.given
         session.evidence = evidence._replace(guidance=before.guidance) if guided and before else evidence
         return _learn(session, at_ns, session.transition)
     session.evidence = evidence
-    session.action = learner.settle(session.state, session.action, evidence, session.decision)
+    if learner.settles:
+        session.action = learner.settle(session.state, session.action, evidence, session.decision)
     session.phase = EXECUTING
     return (Execute(session.decision, session.action),)
 
@@ -244,6 +246,7 @@ def _follow(session: Session, action: int) -> None:
     session.undo_due = action == session.learner.memory.actions
     if session.undo_due and session.phase is ASKING and session.transition is None:
         session.phase, session.deadline_ns = EXECUTING, None
+        session.counts.set_aside()
 
 
 def _learn(session: Session, at_ns: int, taken: StepTaken) -> Effects:
@@ -275,11 +278,12 @@ def _go_on(
     session: Session, at_ns: int, taken: StepTaken, evidence: Evidence, learned: Learned | None
 ) -> Effects:
     """Measure the step, then open the next decision, or end the episode."""
-    inputs = sum([answer.kind is not ABSTAIN for _, answer in session.given])
-    session.counts.pending -= inputs
-    session.counts.applied += inputs
+    counts = session.counts
+    inputs, counts.pending = counts.pending, 0
+    counts.applied += inputs
     session.tally.add(taken.reward, learned, inputs, session.gamma)
-    session.teaching_ns += max(0, at_ns - session.opened_at_ns)
+    if at_ns > session.opened_at_ns:
+        session.teaching_ns += at_ns - session.opened_at_ns
     measures = StepMeasures(
         session.decision,
         session.episode,
@@ -318,17 +322,17 @@ def _finish(session: Session) -> Effects:
     session.phase = Phase.FINISHED
     session.deadline_ns = None
     session.paused = False
-    return Announce(), SessionDone()
+    return ANNOUNCE, SessionDone()
 
 
 def _window(session: Session, at_ns: int, event: WindowChanged) -> Effects:
     session.window = event.window
     if session.phase is not ASKING:
-        return (Announce(),)
+        return ANNOUNCED
     if not session.paused:
         session.elapsed_ns = at_ns - session.asked_at_ns
     _set_deadline(session, at_ns)
-    return (Announce(), *_close_if_answered(session, at_ns))
+    return (ANNOUNCE, *_close_if_answered(session, at_ns))
 
 
 def _paused(session: Session, at_ns: int, _event: Paused) -> Effects:
@@ -338,7 +342,7 @@ def _paused(session: Session, at_ns: int, _event: Paused) -> Effects:
     session.deadline_ns = None
     if session.phase is ASKING:
         session.elapsed_ns = at_ns - session.asked_at_ns
-    return (Announce(),)
+    return ANNOUNCED
 
 
 def _resumed(session: Session, at_ns: int, _event: Resumed) -> Effects:
@@ -353,14 +357,13 @@ def _resumed(session: Session, at_ns: int, _event: Resumed) -> Effects:
         session.asked_at_ns += paused_ns
         session.opened_at_ns += paused_ns
         _set_deadline(session, at_ns)
-    return (Announce(), *_close_if_answered(session, at_ns))
+    return (ANNOUNCE, *_close_if_answered(session, at_ns))
 
 
 def _stopped(session: Session, _at_ns: int, _event: Stopped) -> Effects:
     if session.phase is Phase.FINISHED:
         return (Ignored("already finished"),)
-    session.counts.superseded += session.counts.pending
-    session.counts.pending = 0
+    session.counts.set_aside()
     return _finish(session)
 
 
@@ -370,11 +373,11 @@ def _restarted(session: Session, at_ns: int, event: Restarted) -> Effects:
     if session.phase is Phase.GATHERING:
         return _gather(session)
     if session.phase is Phase.BEGINNING:
-        return Announce(), BeginEpisode(session.episode)
+        return ANNOUNCE, BeginEpisode(session.episode)
     session.opened_at_ns = at_ns
     if session.phase is EXECUTING:
-        return Announce(), Execute(session.decision, session.action)
-    return _ask(session, at_ns) if session.phase is ASKING else (Announce(),)
+        return ANNOUNCE, Execute(session.decision, session.action)
+    return _ask(session, at_ns) if session.phase is ASKING else ANNOUNCED
 
 
 # mypy cannot tie a key's type to its handler's argument; test_session_machine meets every event in every

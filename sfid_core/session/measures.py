@@ -73,20 +73,20 @@ class EpisodeTally:
 
     def add(self, reward: float, learned: Learned | None, inputs: int, gamma: float) -> None:
         """Count one step; None for one that was taken back, which is a step that nothing is learnt from."""
+        discount = self._discount
+        self._discount = discount * gamma
         self._steps += 1
+        self._env_return += discount * reward
         if learned is None:
-            self._env_return += self._discount * reward
-            self._return += self._discount * reward
-            self._discount *= gamma
+            self._return += discount * reward
             return
+        environment, shaped, h = learned
         self._learnt += 1
         self._inputs += inputs
-        self._agreements += learned.h > 0
-        self._abs_env += abs(learned.environment)
-        self._abs_shaped += abs(learned.shaped)
-        self._return += self._discount * (reward + learned.h)
-        self._env_return += self._discount * reward
-        self._discount *= gamma
+        self._agreements += h > 0
+        self._abs_env += abs(environment)
+        self._abs_shaped += abs(shaped)
+        self._return += discount * (reward + h)
 
     def measures(self, episode: int, optimal_steps: int | None, outcome: Outcome) -> EpisodeMeasures:
         """Return the measures of the episode as it stands; means are 0 before the first step."""
@@ -113,9 +113,19 @@ class LabelCounts:
     """
 
     submitted: int = 0
-    acknowledged: int = 0
     applied: int = 0
     superseded: int = 0
     late: int = 0
     rejected: int = 0
     pending: int = 0
+    """Of the running decision: applied once its step is learnt."""
+
+    @property
+    def acknowledged(self) -> int:
+        """Answers that were taken: all but the rejected."""
+        return self.submitted - self.rejected
+
+    def set_aside(self) -> None:
+        """Let the answers to the running decision stay unapplied."""
+        self.superseded += self.pending
+        self.pending = 0

@@ -35,7 +35,6 @@ class Phase(Enum):
 class Given:
     """An answer that waits in the open window."""
 
-    answer_id: bytes
     answer: Answer
     at_ns: int
 

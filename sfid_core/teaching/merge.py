@@ -7,6 +7,7 @@ from sfid_core.learning.kernels import Evidence
 from sfid_core.teaching.answers import Answer, AnswerKind
 
 SILENCE = Evidence()
+LABEL = AnswerKind.LABEL  # met at every step; see `sfid_core.session.machine`
 
 
 def merge(answers: Sequence[Answer], actions: int, delay_ms: float) -> Evidence:
@@ -37,7 +38,7 @@ def merge(answers: Sequence[Answer], actions: int, delay_ms: float) -> Evidence:
 
 def _alone(answer: Answer, actions: int, delay_ms: float) -> Evidence:
     """Return what one answer says: one teacher alone is taken at their word."""
-    if answer.kind is AnswerKind.LABEL and answer.action is not None:
+    if answer.kind is LABEL and answer.action is not None:
         certain: Sequence[float] = ONE_HOT[actions][answer.action]
         belief = answer.posterior or certain
         return Evidence(1, answer.action, belief, 0.0, 0, -1, -1, delay_ms)  # by place: the commonest answer
@@ -65,7 +66,7 @@ def merge_labels(answers: Iterable[Answer]) -> int | None:
     """Return the action that most teachers named, or None when nobody named one or there is a tie."""
     votes: dict[int | None, int] = {}
     for answer in answers:
-        if answer.kind is AnswerKind.LABEL:
+        if answer.kind is LABEL:
             votes[answer.action] = votes.get(answer.action, 0) + 1
     most = max(votes.values(), default=0)
     first = [action for action, count in votes.items() if count == most]
@@ -108,7 +109,7 @@ def _merged_labels(answers: Sequence[Answer], actions: int) -> tuple[int | None,
 
     With a posterior among them the teachers' beliefs are averaged, and the label is the only largest one.
     """
-    labels = [answer for answer in answers if answer.kind is AnswerKind.LABEL and answer.action is not None]
+    labels = [answer for answer in answers if answer.kind is LABEL and answer.action is not None]
     if not any(answer.posterior for answer in labels):
         label = merge_labels(labels)
         return label, _nowhere(actions) if label is None else ONE_HOT[actions][label]

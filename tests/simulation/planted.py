@@ -108,8 +108,8 @@ BUGS = (
         "the first answer of a teacher counts instead of the last",
         "R4",
         MACHINE,
-        "    session.answers[event.teacher] = Given(event.answer_id, event.answer, at_ns)\n",
-        "    session.answers.setdefault(event.teacher, Given(event.answer_id, event.answer, at_ns))\n",
+        "    session.answers[event.teacher] = Given(event.answer, at_ns)\n",
+        "    session.answers.setdefault(event.teacher, Given(event.answer, at_ns))\n",
     ),
     Bug(
         "an answer after the close is told to count",

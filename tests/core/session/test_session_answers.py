@@ -1,6 +1,6 @@
 """What becomes of an answer: accepted, superseded, late or rejected, and what it counts as."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import pytest
 
@@ -15,7 +15,7 @@ from sfid_core.session.events import (
     TeacherLeft,
     WindowElapsed,
 )
-from sfid_core.session.state import Phase
+from sfid_core.session.state import Phase, Session
 from sfid_core.teaching.answers import Answer, AnswerKind
 from tests.core.session.script import (
     FULL,
@@ -42,12 +42,16 @@ def counted(**counts: int) -> dict[str, int]:
     return dict.fromkeys(names, 0) | counts
 
 
+def tallied(session: Session) -> dict[str, int]:
+    return {"acknowledged": session.counts.acknowledged, **asdict(session.counts)}
+
+
 def test_an_answer_after_the_close_but_before_the_deadline_is_superseded() -> None:
     session = asked(teachers=("ann", "bob"))
     play(session, [(1, label("ann", 0)), (2, TeacherLeft("ann")), (3, abstention("bob"))])
     assert session.phase is Phase.EXECUTING
     assert play(session, [(1000, label("bob", 1, number=5))]) == [told(AnswerCode.SUPERSEDED, number=5)]
-    assert asdict(session.counts) == counted(submitted=2, acknowledged=2, superseded=1, pending=1)
+    assert tallied(session) == counted(submitted=2, acknowledged=2, superseded=1, pending=1)
 
 
 def test_an_answer_after_the_deadline_is_late_and_changes_nothing_learnt() -> None:
@@ -57,7 +61,7 @@ def test_an_answer_after_the_deadline_is_late_and_changes_nothing_learnt() -> No
     values = session.learner.values(STATES[0])
     assert play(session, [(1001, label("ann", agent, number=5))]) == [told(AnswerCode.LATE, number=5)]
     assert session.learner.values(STATES[0]) == values
-    assert asdict(session.counts) == counted(submitted=1, acknowledged=1, late=1)
+    assert tallied(session) == counted(submitted=1, acknowledged=1, late=1)
 
 
 def test_an_answer_to_an_earlier_decision_is_judged_by_that_decisions_deadline() -> None:
@@ -93,17 +97,26 @@ def test_the_second_answer_of_a_teacher_replaces_the_first() -> None:
     session = asked(window=FULL)
     agent = session.action
     play(session, [(1, label("ann", (agent + 1) % 4, number=1)), (2, label("ann", agent, number=2))])
-    assert asdict(session.counts) == counted(submitted=2, acknowledged=2, superseded=1, pending=1)
+    assert tallied(session) == counted(submitted=2, acknowledged=2, superseded=1, pending=1)
     play(session, [(1000, WindowElapsed()), (1001, taken())])
     assert session.learner.values(STATES[0])[agent] == 0.1
-    assert asdict(session.counts) == counted(submitted=2, acknowledged=2, superseded=1, applied=1)
+    assert tallied(session) == counted(submitted=2, acknowledged=2, superseded=1, applied=1)
+
+
+def test_an_answer_to_a_decision_that_took_the_last_step_back_is_superseded() -> None:
+    """In a replay without somebody's erased answers a window opens where nobody was asked."""
+    session = asked(window=FULL)
+    back = replace(taken(), action=session.learner.memory.actions)
+    play(session, [(1, label("ann", 0)), (2, back)])
+    assert tallied(session) == counted(submitted=1, acknowledged=1, superseded=1)
+    assert (session.decision, session.learner.values(STATES[0])) == (1, (0.0,) * 4)
 
 
 def test_an_abstention_takes_an_earlier_label_back() -> None:
     session = asked(window=FULL)
     play(session, [(1, label("ann", 0)), (2, abstention("ann", number=2)), (1000, WindowElapsed())])
     play(session, [(1001, taken())])
-    assert asdict(session.counts) == counted(submitted=1, acknowledged=1, superseded=1)
+    assert tallied(session) == counted(submitted=1, acknowledged=1, superseded=1)
     assert session.learner.values(STATES[0]) == (0.0,) * 4
 
 
@@ -126,7 +139,7 @@ def test_an_answer_to_nothing_that_was_asked_is_rejected_with_the_mend(
 ) -> None:
     session = asked(method)
     assert play(session, [(1, event)]) == [told(AnswerCode.REJECTED, reason)]
-    assert asdict(session.counts) == counted(submitted=1, rejected=1)
+    assert tallied(session) == counted(submitted=1, rejected=1)
     assert session.answers == {}
 
 

@@ -356,6 +356,13 @@ def test_a_restart_while_asking_keeps_the_answers_and_opens_the_window_for_its_w
     assert [given.answer.action for given in session.answers.values()] == [agent]
 
 
+def test_a_clock_that_stands_behind_takes_no_teaching_time_away() -> None:
+    session = asked()
+    play(session, [(100, label("ann", 0)), (200, taken(outcome=Outcome.SOLVED)), (500, began(1))])
+    play(session, [(450, label("ann", 0, decision=1)), (460, taken(1))])
+    assert (session.decision, session.teaching_ns) == (2, 200_000_000)
+
+
 def test_down_time_is_no_teaching_time() -> None:
     session = asked()
     play(session, [(5000, Restarted(2)), (5100, label("ann", 0)), (5200, taken())])
