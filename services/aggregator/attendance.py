@@ -38,6 +38,7 @@ class Attendance:
                 aggregator.happen(live, MemberJoined(worker))
             return
         self._present.discard((session, worker))
+        aggregator.reception.desk.has_left(session, worker)
         if live is not None and _is_member(live, worker):
             aggregator.happen(live, MemberLeft(worker))
 

@@ -43,6 +43,8 @@ class Reception:
             message = decode(request.payload, Join)
             live = self._whose(request.key, message, new=True)
             if live.crowd is not None and live.decision is not None:
+                if message.teacher in live.crowd.members and not live.finished:
+                    self.desk.check_alone(message)
                 self.welcome(live, message, request)
             elif len(live.waiting) < WAITING_MAX or message.teacher in live.waiting:
                 live.waiting[message.teacher] = (message, request)
@@ -69,6 +71,7 @@ class Reception:
             aggregator.attendance.expect(live, message.teacher)
             log.info("session %s: %s joined the crowd (%s)", live.name, message.teacher,
                      printable(message.client) or "client unnamed")  # fmt: skip
+        self.desk.has_joined(message)
         reply = Welcome(
             session=live.name,
             epoch=aggregator.shard.epoch,

@@ -6,8 +6,10 @@ from functools import partial
 from pathlib import Path
 
 from protocol.keys import Keys
+from protocol.messages import SessionList
 from services.cli.journaled import NAMES_MAX
 from services.cli.next_command import suggested
+from services.cli.session_rows import lacking
 from services.cli.waiting import connected_bus
 from services.operator import Operator, OperatorError
 from services.runtime.bus import BusError
@@ -32,7 +34,7 @@ def session_hint(session: str, connect: str, deployment: str, access: Path | Non
     try:
         bus = connected_bus(connect, Role.OPERATOR, access, CONNECT_MS)
         try:
-            listed = Operator(bus, Keys(learner), patience_s=0.0).sessions().sessions
+            listed = Operator(bus, Keys(learner), patience_s=0.0).sessions()
         finally:
             bus.close()
     except SecretError:
@@ -41,7 +43,7 @@ def session_hint(session: str, connect: str, deployment: str, access: Path | Non
     except (BusError, OperatorError) as error:
         return f"what sessions there are could not be asked: {error}"
     at = partial(suggested, connect=connect, deployment=learner, access=access)
-    return hint_of(session, [row.session for row in listed], at, crowd=deployment.endswith(CROWD))
+    return hint_of(session, listed, at, crowd=deployment.endswith(CROWD))
 
 
 def _answers(connect: str) -> bool:
@@ -53,17 +55,20 @@ def _answers(connect: str) -> bool:
     return True
 
 
-def hint_of(session: str, names: list[str], at: Callable[[str], str], *, crowd: bool) -> str:
-    """Return the line for a learner that has sessions of these names.
+def hint_of(session: str, listed: SessionList, at: Callable[[str], str], *, crowd: bool) -> str:
+    """Return the line for a learner, or the learners of some shards, that listed these sessions.
 
     Args: at: makes a command's words one that reaches this learner, ready to be pasted.
     """
+    names = [row.session for row in listed.sessions]
     if session in names:
         whom = "the aggregator, which comes with --crowd of `sfid up`," if crowd else "the learner"
         return f"the session is there: see in {at('status')} whether {whom} is well"
+    if (not_whole := lacking(listed, at("status"))) is not None:
+        return not_whole
     create = at(f"session create {session}")
     if not names:
         return f"there is no session at all: {create} creates it"
     more = f" and {len(names) - NAMES_MAX} more" if len(names) > NAMES_MAX else ""
-    listed = ", ".join(names[-NAMES_MAX:]) + more
-    return f"there are {listed}: name one of them with --session, or {create} creates this one"
+    latest = ", ".join(names[-NAMES_MAX:]) + more
+    return f"there are {latest}: name one of them with --session, or {create} creates this one"

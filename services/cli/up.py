@@ -40,7 +40,12 @@ def up(
     config: Annotated[Path | None, typer.Option(help="TOML file; --keys shows its keys.")] = None,
     data: Annotated[Path | None, typer.Option(help="Data directory; overrides the file.")] = None,
     listen: Annotated[str | None, typer.Option(help="Endpoint of the router; overrides the file.")] = None,
-    viewer: Annotated[bool | None, typer.Option(help="Serve Rerun viewers; overrides the file.")] = None,
+    viewer: Annotated[
+        bool | None,
+        typer.Option(
+            help="Serve Rerun viewers, at the ports below [monitor] in the file; overrides the file."
+        ),
+    ] = None,
     gateway: Annotated[
         bool | None, typer.Option(help="Serve the teaching page for browsers; overrides the file.")
     ] = None,

@@ -35,8 +35,6 @@ log = logging.getLogger("sfid.learner")
 
 OPERATOR = "operator"
 """The name under which the command line controls a session; nobody can teach under it."""
-RUN_MARK = "#"
-"""In what a program calls itself, between its name and what no other run of it has."""
 EPISODES_SHOWN = 50
 """Latest episodes in a welcome, for the curves of a late joiner."""
 
@@ -49,8 +47,6 @@ class Reception:
         config = learner.config
         settings = DeskSettings("learner", config.data_dir, config.require_tokens, config.check_secrets)
         self.desk = FrontDesk(learner.loop, learner.keys, settings)
-        self._programs: dict[tuple[str, str], str] = {}
-        """By (session, teacher), the program at which somebody teaches who is here."""
 
     def on_answer(self, request: Request) -> None:
         """Journal an answer, let it take effect, acknowledge it after the commit."""
@@ -126,7 +122,7 @@ class Reception:
         if finished:  # who comes then may still hold answers
             live.known.add(message.teacher)
         elif message.teacher in session.teachers:
-            self._check_alone(live, message)
+            self.desk.check_alone(message)
         else:
             if len(session.teachers) >= learner.config.teachers_max:
                 raise Refused(
@@ -142,7 +138,7 @@ class Reception:
                 message.teacher,
                 printable(message.client) or "client unnamed",
             )
-        self._programs[live.name, message.teacher] = message.client
+        self.desk.has_joined(message)
         at_ns = learner.loop.at_ns()
         first = max(0, len(session.episodes) - EPISODES_SHOWN)
         latest = session.episodes.ended(first, EPISODES_SHOWN)
@@ -155,24 +151,6 @@ class Reception:
             check_key=self.desk.check_key(message),
         )
         learner.loop.reply_durably(request, welcome)
-
-    def _check_alone(self, live: LiveSession, message: Join) -> None:
-        """Refuse a second one of a name; only who says which run of a program it is can be told from another.
-
-        Whoever comes with a token has proved to be the same person, who may sit at two screens.
-        """
-        before = self._programs.get((live.name, message.teacher), "")
-        runs = RUN_MARK in before and RUN_MARK in message.client
-        if self.desk.door is None and runs and before != message.client:
-            raise Refused(
-                "conflict",
-                f"somebody teaches {live.name} as {message.teacher} already: choose another --name, "
-                "or wait until they have left",
-            )
-
-    def has_left(self, session: str, teacher: str) -> None:
-        """Forget at which program somebody taught who is gone."""
-        self._programs.pop((session, teacher), None)
 
     def on_control(self, request: Request) -> None:
         """Change the window, pause, resume or stop; journaled and durable before the reply."""

@@ -223,7 +223,7 @@ class Learner:
                 log.info("session %s: teacher %s is back", session, teacher)
             return
         self._present.discard((session, teacher))
-        self.reception.has_left(session, teacher)
+        self.reception.desk.has_left(session, teacher)
         if live is not None and teacher in live.session.teachers:
             self.happen(live, TeacherLeft(teacher))
             log.info("session %s: teacher %s is gone", session, teacher)

@@ -24,6 +24,8 @@ NOBODY = ("-", "-")
 """Session and sender where the key names none, or there are too many to count each."""
 SENDERS_MAX = 10_000
 """Senders whose unreadable messages are counted one by one: names cost an attacker nothing."""
+RUN_MARK = "#"
+"""In what a program calls itself, between its name and what no other run of it has."""
 LET_GO_MS = 1_000
 """How soon nobody waits any longer for whoever was sent away."""
 RefusalCode = Literal["malformed", "unknown-session", "denied", "busy", "not-durable", "conflict", "invalid"]
@@ -63,6 +65,8 @@ class FrontDesk:
         """Unreadable messages by (session, sender)."""
         self.invalid: Counter[tuple[str, str]] = Counter()
         """Messages that can be read and say nothing possible, such as an action that there is not."""
+        self._programs: dict[tuple[str, str], str] = {}
+        """By (session, teacher), the program at which somebody teaches who is here."""
 
     def admit(self, key: str, message: Join | Answer | Control, *, unproved: bool = False) -> None:
         """Let a message in whose key names its session and sender, who is proved where tokens are required.
@@ -76,6 +80,29 @@ class FrontDesk:
         fault = self.door.fault(message.session, message.teacher, message.token)
         if fault is not None:
             raise Refused("denied", reason_of(fault))
+
+    def check_alone(self, message: Join) -> None:
+        """Refuse a second one of a name that is here; raises Refused.
+
+        Only who says which run of a program it is can be told from another; whoever comes with a token has
+        proved to be the same person, who may sit at two screens.
+        """
+        before = self._programs.get((message.session, message.teacher), "")
+        runs = RUN_MARK in before and RUN_MARK in message.client
+        if self.door is None and runs and before != message.client:
+            raise Refused(
+                "conflict",
+                f"somebody teaches {message.session} as {message.teacher} already: choose another --name, "
+                "or wait until they have left",
+            )
+
+    def has_joined(self, message: Join) -> None:
+        """Remember at which program somebody teaches."""
+        self._programs[message.session, message.teacher] = message.client
+
+    def has_left(self, session: str, teacher: str) -> None:
+        """Forget at which program somebody taught who is gone."""
+        self._programs.pop((session, teacher), None)
 
     def let_go(self, leave: Callable[[str, str], None]) -> None:
         """Call `leave` with session and name of everybody whose token is no longer good, from now on.

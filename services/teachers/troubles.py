@@ -32,10 +32,14 @@ class Troubles:
         self._since_ns: int | None = None
         self._hinted = False
         self._joined = False
+        self._reason = "nothing was heard of it"
 
     def note(self, update: Update | None, who: str = "") -> None:
         """Take note of what came to a teacher of this name, if anything did, and of the time."""
         match update:
+            case Refused(code="conflict", reason=reason):  # the reason has the mend: no hint need be found
+                self._wait(who, reason)
+                self._hinted = True
             case Connection(connected=False, detail=reason) | Refused(reason=reason):
                 self._wait(who, reason)
             case Welcomed():
@@ -54,7 +58,7 @@ class Troubles:
     def end(self, saved: int, too_late: int, rejected: int, unacknowledged: int) -> None:
         """Say what the teaching came to."""
         if not self._joined:
-            log.warning("session %s: left without having joined: it was not there", self._session)
+            log.warning("session %s: left without having joined: %s", self._session, self._reason)
             return
         counts = {"too late": too_late, "rejected": rejected, "not acknowledged": unacknowledged}
         more = "".join(f", {count} {what}" for what, count in counts.items() if count)
@@ -65,6 +69,7 @@ class Troubles:
             log.warning("session %s: waiting, %s", self._session, reason)
             self._since_ns = self._clock.now_ns()
         self._waiting.add(who)
+        self._reason = reason
 
     def _welcome(self, who: str) -> None:
         self._joined = True

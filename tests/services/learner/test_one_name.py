@@ -5,37 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from protocol.keys import Keys
 from protocol.messages import Join, Welcome
-from services.client import Client, Opened, Refused, Update, Welcomed
-from services.outbox import Outbox
-from services.runtime.memory_bus import MemoryBus
-from tests.services.learner.classroom import KEYS, MS, Classroom, Pupil
+from services.client import Opened, Refused, Welcomed
+from tests.services.learner.classroom import KEYS, Classroom, Pupil
 from tests.services.learner.guarded_room import GuardedRoom
+from tests.services.learner.program import Program, kinds
 
 TAKEN = "somebody teaches s1 as ann already: choose another --name, or wait until they have left"
-
-
-class Program:
-    """A client on a bus of its own, which it loses when it is killed."""
-
-    def __init__(self, room: Classroom, name: str = "ann", token: str | None = None) -> None:
-        self.room, self.bus = room, MemoryBus(room.hub)
-        self.client = Client(
-            self.bus, Keys("local"), "s1", name, outbox=Outbox(), clock=room.clock, token=token
-        )
-        self.client.__enter__()
-
-    def watch(self, milliseconds: int = 0) -> list[Update]:
-        """Let some time pass, and return what came of it."""
-        found: list[Update] = []
-        for _ in range(1 + milliseconds // 50):
-            self.room.settle()
-            while (update := self.client.next(0)) is not None:
-                found.append(update)
-                self.room.settle()
-            self.room.clock.advance(50 * MS)
-        return found
 
 
 @pytest.fixture
@@ -45,10 +21,6 @@ def room(tmp_path: Path) -> Iterator[Classroom]:
     yield made
     made.shard.discard_pending()
     made.shard.close()
-
-
-def kinds(updates: list[Update]) -> set[type[Update]]:
-    return {type(update) for update in updates} & {Refused, Welcomed, Opened}
 
 
 def test_the_second_of_a_name_is_told_and_not_asked_until_the_first_has_left(room: Classroom) -> None:
@@ -110,6 +82,13 @@ def test_a_program_that_does_not_say_which_run_it_is_is_let_in_as_before(room: C
         room.refused(KEYS.join("s1", "ann"), Join(session="s1", teacher="ann", client="mine#2")).reason
         == TAKEN
     )
+
+
+def test_a_program_that_joins_again_is_not_another(room: Classroom) -> None:
+    """A welcome may be lost on its way."""
+    ann = Pupil(room, "ann")
+    assert isinstance(ann.join(client="mine#1"), Welcome)
+    assert isinstance(ann.join(client="mine#1"), Welcome)
 
 
 def test_whoever_has_the_token_is_one_person_at_two_screens(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from functools import partial
 
 import pytest
 
-from protocol.messages import Refusal
+from protocol.messages import Refusal, SessionList, SessionSummary
 from services.cli.next_command import suggested
 from services.cli.session_hint import hint_of
 from services.client import AnswerState, AnswerUpdate, Connection, Refused
@@ -42,9 +42,25 @@ def test_who_waits_says_for_what_at_once_and_what_helps_after_a_time(
     assert caplog.messages == [
         "session s1: waiting, no session s1 here",
         "session s1: nothing to teach for 10 s: there are s2: name one of them",
-        "session s1: left without having joined: it was not there",
+        "session s1: left without having joined: no session s1 here",
     ]
     assert asked == [PATIENCE_NS]
+
+
+def test_who_finds_the_name_taken_is_told_the_mend_and_nothing_beside_it(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    clock = ManualClock()
+    troubles = Troubles("s1", clock, lambda: "asked in vain")
+    with caplog.at_level("INFO", "sfid.teacher"):
+        troubles.note(Refused("conflict", "somebody teaches s1 as ann already", final=False))
+        clock.advance(PATIENCE_NS)
+        troubles.note(None)
+        troubles.end(0, 0, 0, 0)
+    assert caplog.messages == [
+        "session s1: waiting, somebody teaches s1 as ann already",
+        "session s1: left without having joined: somebody teaches s1 as ann already",
+    ]
 
 
 def test_an_answer_that_is_sent_again_and_again_is_told_at_each_doubling(
@@ -89,23 +105,45 @@ def test_a_crowd_told_to_stop_before_its_session_came_says_so(caplog: pytest.Log
         CrowdConfig("s1", parse_mix("expert:1")), MemoryBus(MemoryHub(inline=True)), lambda: None, stop
     )
     assert [one.accepted for one in results] == [0]
-    assert caplog.messages == ["session s1: left without having joined: it was not there"]
+    assert caplog.messages == ["session s1: left without having joined: nothing was heard of it"]
+
+
+def listed(*names: str, shards: int = 1) -> SessionList:
+    """What the learner of the first of so many shards lists, alone."""
+    rows = [
+        SessionSummary(
+            session=name, method="sfid", level_name="room", phase="asking", paused=False,
+            episode=0, episodes=30, decision=0, teachers=(),
+        )
+        for name in names
+    ]  # fmt: skip
+    return SessionList(sessions=tuple(rows), shards=shards)
+
+
+def test_who_cannot_ask_all_shards_is_not_told_that_a_session_is_absent() -> None:
+    said = hint_of("s1", listed("a", shards=2), suggested, crowd=False)
+    assert said.startswith(
+        "the list is not whole: shard-1 of 2 shards did not answer to the end; `sfid status`"
+    )
+    assert hint_of("a", listed("a", shards=2), suggested, crowd=False).startswith("the session is there")
 
 
 def test_the_hint_names_what_there_is_and_the_mend() -> None:
     many = [f"t{number}" for number in range(12)]
     create = "`sfid session create s1 --connect tcp/127.0.0.1:7001 --deployment lab`"
     at = partial(suggested, connect="tcp/127.0.0.1:7001", deployment="lab")
-    assert hint_of("s1", [], at, crowd=False) == f"there is no session at all: {create} creates it"
-    assert hint_of("s1", ["a", "b"], at, crowd=True) == (
+    assert hint_of("s1", listed(), at, crowd=False) == f"there is no session at all: {create} creates it"
+    assert hint_of("s1", listed("a", "b"), at, crowd=True) == (
         f"there are a, b: name one of them with --session, or {create} creates this one"
     )
-    assert hint_of("s1", many, at, crowd=False).startswith(f"there are {', '.join(many[2:])} and 2 more: ")
+    assert hint_of("s1", listed(*many), at, crowd=False).startswith(
+        f"there are {', '.join(many[2:])} and 2 more: "
+    )
     flags = "--connect tcp/127.0.0.1:7001 --deployment lab"
-    assert hint_of("s1", ["s1"], at, crowd=True) == (
+    assert hint_of("s1", listed("s1"), at, crowd=True) == (
         f"the session is there: see in `sfid status {flags}` whether the aggregator, "
         "which comes with --crowd of `sfid up`, is well"
     )
-    assert hint_of("s1", ["s1"], suggested, crowd=False) == (
+    assert hint_of("s1", listed("s1"), suggested, crowd=False) == (
         "the session is there: see in `sfid status` whether the learner is well"
     )
