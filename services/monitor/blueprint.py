@@ -54,7 +54,7 @@ def _teachers() -> rrb.Horizontal:
     right = rrb.Vertical(
         _picture(
             doubt_pictures.STATES,
-            "States likely to carry an instruction bug · below each: how often which move was named",
+            "Doubtful states: not all said here can be right · below: how often which move was named",
         ),
         rrb.Horizontal(
             rrb.TextDocumentView(origin=f"/{doubt_pictures.LIST}", name="Why to look at these states again"),
@@ -114,7 +114,7 @@ def _reliability() -> rrb.TimeSeriesView:
 
 def _reliability_named() -> rrb.TimeSeriesView:
     """With the names below the curves: no reliability is less than nothing."""
-    name = "Teachers' reliability ± 1 σ, judged by each other"
+    name = "Teachers' reliability ± 1 σ, judged by each other (two or more)"
     return _plot("reliability", name, span=(-0.4, 1.05), legend=True)
 
 

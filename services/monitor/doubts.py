@@ -1,4 +1,4 @@
-"""Where teachers disagree, and which states are likely to carry an instruction bug.
+"""Where teachers disagree, and which states are doubtful: their labels are likely to be wrong.
 
 A state is doubtful when what was said there cannot all be right: two teachers named different actions on the
 same visit, a teacher named another action than before, or the named move ran into a wall or box, or made the

@@ -23,7 +23,8 @@ __all__ = ["MonitorConfig", "MonitorCounts", "MonitorError", "run"]
 POLL_S = 0.2
 FILES_TIMEOUT_S = 3.0
 VIEWERS_TIMEOUT_S = 1.5
-"""Files, then viewers: together under the five seconds in which every service ends."""
+"""Files, then viewers: together under the five seconds in which every service ends. Where no viewer is
+served, the files have the time of both."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -107,7 +108,7 @@ def _end(
     thread: threading.Thread, live: Live | None, page: WebPage | None, leave: Callable[[int], None]
 ) -> None:
     if thread.ident is not None:
-        thread.join(FILES_TIMEOUT_S)
+        thread.join(FILES_TIMEOUT_S if live is not None else FILES_TIMEOUT_S + VIEWERS_TIMEOUT_S)
     closed = not thread.is_alive()
     if page is not None:
         page.close()
