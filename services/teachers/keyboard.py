@@ -318,8 +318,12 @@ class KeyboardApp(App[int]):
         if decision is None or not self._allowed("window"):
             return
         window = self._wanted if self._wanted is not None and self._window_wishes else decision.window
+        wanted = change(window)
+        if wanted.mode == window.mode == "until-answered":
+            self._tell("a window until answered has no length: m gives it another mode")
+            return
         self._window_wishes += 1
-        self._wanted = change(window)
+        self._wanted = wanted
         self._client.control("window", self._wanted)
         self._tell(f"window: {self._wanted.mode}, {self._wanted.span_ms / 1000:g} s …")
 

@@ -43,7 +43,9 @@ def situation(progress: Progress, now_ns: int) -> Text:
         return text
     text.append(f"Episode {min(decision.episode + 1, decision.episodes)} of {decision.episodes}", STRONG)
     shortest = "" if decision.optimal_steps is None else f" (shortest {decision.optimal_steps})"
-    text.append(f"   step {decision.step + 1}{shortest}\n\n")
+    text.append(f"   step {decision.step + 1}{shortest}\n")
+    text.append_text(_last_move(progress, decision))
+    text.append("\n")
     text.append_text(question(decision))
     text.append("\n")
     text.append_text(window_line(progress, decision, now_ns))
@@ -72,6 +74,15 @@ def question(decision: Decision) -> Text:
         move = f"{ARROWS.get(decision.action or '', '')} {decision.action}"
         return Text.assemble("It went ", (move, STRONG), ". A mistake? Which way instead?")
     return Text(f"asks for {decision.asked}: watch, or abstain", QUIET)
+
+
+def _last_move(progress: Progress, decision: Decision) -> Text:
+    """What the agent did at the step before, where that is not what is asked about."""
+    step = progress.step
+    if step is None or decision.asked != "label" or step.decision + 1 != decision.decision:
+        return Text()
+    move = f"{ARROWS.get(step.action, '')} {step.action}".strip()
+    return Text(f"it went {move}{', and nothing moved' if step.view == step.next_view else ''}", QUIET)
 
 
 def window_line(progress: Progress, decision: Decision, now_ns: int) -> Text:

@@ -199,6 +199,15 @@ def test_keys_of_the_other_kind_of_answer_are_explained_and_send_nothing() -> No
     at_terminal(play)
 
 
+def test_a_window_that_waits_for_answers_has_no_length_to_change() -> None:
+    async def play(terminal: Terminal) -> None:
+        await terminal.press("m", "m", "full_stop", "comma")
+        await terminal.sees("note", "a window until answered has no length: m gives it another mode")
+        assert [one.window and one.window.mode for one in wishes(terminal)] == ["full", "until-answered"]
+
+    at_terminal(play)
+
+
 def test_the_window_is_changed_and_the_session_paused_and_resumed() -> None:
     async def play(terminal: Terminal) -> None:
         await terminal.press("m", "full_stop", "full_stop", "comma")

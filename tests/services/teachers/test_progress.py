@@ -1,5 +1,6 @@
 from typing import Any
 
+import msgspec
 import pytest
 
 from protocol.messages import Episode, SaidBy, Step, Welcome, WindowSpec
@@ -150,6 +151,16 @@ def test_the_panel_says_what_is_asked_and_how_things_stand() -> None:
         "teaching time 0:00\n"
         "teachers: ann, bob and 7 more"
     )
+
+
+@pytest.mark.parametrize("moved, said", [(True, "it went ↑ UP"), (False, "it went ↑ UP, and nothing moved")])
+def test_the_panel_says_what_the_agent_did_at_the_step_before(*, moved: bool, said: str) -> None:
+    progress = joined(decision=4)
+    last = msgspec.structs.replace(step(3, 1.0).step, view="@ ", next_view=" @" if moved else "@ ")
+    progress.apply(Learnt(last), 0)
+    assert panel.situation(progress, 0).plain.splitlines()[1] == said
+    progress.apply(Opened(decision(decision=5), 0), 0)
+    assert panel.situation(progress, 0).plain.splitlines()[1] == ""
 
 
 @pytest.mark.parametrize(
