@@ -76,7 +76,7 @@ def test_over_three_routers_in_a_circle_everything_arrives_once() -> None:
         RouterConfig(end, connect=(*ends[:number], *ends[number + 1 :])) for number, end in enumerate(ends)
     ]
     with routing(configs[0]), routing(configs[1]), routing(configs[2]):
-        learner, ann, bob = (open_bus(end, 5_000) for end in ends)
+        learner, ann, bob = (open_bus(end, int(DEADLINE_S * 1000)) for end in ends)
         asked: list[str] = []
 
         def welcome(request: Request) -> None:

@@ -20,6 +20,7 @@ from tests.services.gateway.gateway_house import Browser
 START_S = 60.0
 AGAIN_S = 0.4
 WAIT_S = 20.0
+SETTLED = frozenset({"saved", "too_late", "rejected"})
 STUDY = """
 name = "{name}"
 title = "Teach an agent"
@@ -103,6 +104,8 @@ class Participant:
     answers: int = 0
     refusal: str = ""
     said: str = ""
+    unsettled: str = ""
+    """Id of the last answer until the page told what became of it."""
     before: tuple[int, str] = (-1, "")
     seen: list[str] = field(default_factory=list)
     asked: set[str] = field(default_factory=set)
@@ -112,6 +115,7 @@ class Participant:
 
     def open(self) -> str:
         """Open the page, for the first time or again, and return the screen's name."""
+        self.unsettled = ""
         parts = urlsplit(self.study.link)
         arrival = self.arrival or dict(parse_qsl(parts.query))
         opened = connect(
@@ -175,10 +179,10 @@ class Participant:
         )
 
     def teach(self, answers_max: int = 10_000) -> str:
-        """Teach until the screen changes, or so many answers were given; return the screen's name."""
+        """Teach until the screen changes, or so many answers were saved; return the name of the screen."""
         assert self.browser is not None
         wanted = self.answers + answers_max
-        while self.answers < wanted:
+        while self.answers < wanted or self.unsettled:
             try:
                 frame = dict(json.loads(self.browser.socket.recv(timeout=AGAIN_S)))
             except TimeoutError:  # the gateway takes 20 frames a second; the page sends again too
@@ -188,10 +192,12 @@ class Participant:
                 self.screen = frame["screen"]
                 self.seen.append(self.screen["name"])
                 break
+            if frame["type"] == "answer" and frame["id"] == self.unsettled and frame["state"] in SETTLED:
+                self.unsettled = ""
             if frame["type"] == "decision":
                 if frame["phase"] == "executing":
                     self.before = (frame["decision"], frame["view"])
-                if frame["phase"] == "asking":
+                if frame["phase"] == "asking" and self.answers < wanted:
                     self._answer(frame)
                     self.before = (frame["decision"] + 1, frame["view"])
         return str(self.screen["name"])
@@ -215,6 +221,7 @@ class Participant:
             said |= {"kind": "reward", "action": decision["action"], "reward": reward}
         else:
             said |= {"kind": "abstain"}
+        self.unsettled = said["id"]
         self.said = json.dumps(said)
         self.browser.socket.send(self.said)
 
