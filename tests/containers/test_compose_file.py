@@ -134,6 +134,16 @@ def test_only_pages_are_reachable_and_from_this_machine_only() -> None:
     assert shared == []
 
 
+def test_who_is_on_two_networks_may_ask_for_the_bare_name_of_the_router() -> None:
+    """Of two name servers of Podman's, the one that is not the bus's knows no other."""
+    bare = {
+        name
+        for name, service in SERVICES.items()
+        if "no-tld-query" not in service["environment"]["RES_OPTIONS"]
+    }
+    assert bare == {name for name, service in SERVICES.items() if len(service["networks"]) > 1}
+
+
 def test_a_port_that_is_chosen_is_the_one_that_the_page_is_told() -> None:
     """Inside, outside, and in the link that a browser gets, for every variable of a port."""
     for name in ("monitor", "gateway"):
