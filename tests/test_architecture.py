@@ -271,12 +271,15 @@ def test_every_import_contract_holds() -> None:
         ("services/runtime/loop.py", "import services.learner", "Services meet on the wire"),
         ("services/client.py", "import services.supervisor", "Services meet on the wire"),
         ("services/a_new_one.py", "", "Services meet on the wire"),
+        ("services/cli/shared/options.py", "import services.cli.status", "What commands share"),
+        ("services/cli/status.py", "import services.cli.main", "What commands share"),
+        ("services/cli/a_new_one.py", "", "What commands share"),
     ],
 )
 def test_a_planted_import_breaks_its_contract(
     path: str, statement: str, contract: str, tmp_path: Path
 ) -> None:
-    for package in PACKAGES:
+    for package in (*PACKAGES, "services/cli"):
         plant(tmp_path / package / "__init__.py", "")
     for name in re.findall(r"(?:services|protocol)[.\w]*", statement):
         plant(tmp_path / (name.replace(".", "/") + ".py"), "")
@@ -303,7 +306,7 @@ def test_the_doors_are_open_to_those_who_may_use_them(tmp_path: Path) -> None:
         "protocol/codec.py": "import msgpack\nimport msgspec",
         "sfid_core/mdp.py": "import numpy as np",
     }
-    for package in PACKAGES:
+    for package in (*PACKAGES, "services/cli"):
         plant(tmp_path / package / "__init__.py", "")
     for path, statement in doors.items():
         plant(tmp_path / path, statement)

@@ -9,9 +9,8 @@ import typer
 
 from protocol.journal import Record
 from protocol.who_said import Saying, said_to_a_crowd, said_to_a_learner
-from services.cli.failure import NOT_SO, CommandError
-from services.cli.journaled import no_such_session, session_names
-from services.cli.options import (
+from services.cli.shared.failure import NOT_SO, CommandError
+from services.cli.shared.options import (
     ENDPOINT,
     Access,
     Connect,
@@ -23,7 +22,8 @@ from services.cli.options import (
     Verbose,
     print_json,
 )
-from services.cli.waiting import service_bus
+from services.cli.shared.recorded import no_such_session, session_names
+from services.cli.shared.waiting import service_bus
 from services.runtime.journal import read_rows
 from services.runtime.process import ProcessConfig, ServiceProcess
 from services.runtime.secret import FOLDER, load_secrets

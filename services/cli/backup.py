@@ -7,8 +7,8 @@ from typing import Annotated
 import msgspec
 import typer
 
-from services.cli.failure import NOT_SO, CommandError
-from services.cli.options import Json, print_json
+from services.cli.shared.failure import NOT_SO, CommandError
+from services.cli.shared.options import Json, print_json
 from services.operations.backup import BackupError
 from services.operations.backup import backup as copy_directory
 from services.runtime.clock import SystemClock

@@ -11,8 +11,8 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from services.cli.options import Json, print_json
-from services.cli.tables import print_whole
+from services.cli.shared.options import Json, print_json
+from services.cli.shared.tables import print_whole
 from sfid_core.learning.method import Method
 from sfid_core.learning.methods import METHODS, method_named
 from sfid_core.learning.parameters import Choice, Value, as_written, limits

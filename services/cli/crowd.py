@@ -10,8 +10,8 @@ from typing import Annotated, Any, NamedTuple
 import typer
 
 from services.cli.crowd_files import Rows, read_labels, read_truth
-from services.cli.failure import CommandError
-from services.cli.options import Json, print_json
+from services.cli.shared.failure import CommandError
+from services.cli.shared.options import Json, print_json
 from sfid_core.crowd.labels import LabelSet, label_set
 from sfid_core.crowd.methods import NAMES, Aggregated, aggregate
 from sfid_core.crowd.outcome import accuracy, decided

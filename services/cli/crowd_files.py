@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from services.cli.failure import CommandError
+from services.cli.shared.failure import CommandError
 
 BYTES_MAX = 2**30
 """A gibibyte: some forty million labels, more than fits into memory in index form and as text at once."""

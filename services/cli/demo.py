@@ -18,9 +18,10 @@ from protocol.codec import decode
 from protocol.keys import Keys
 from protocol.messages import CreateSession, Episode, GymWorld, SessionReport, Step, WindowSpec
 from protocol.session_union import untold
-from services.cli import launch
-from services.cli.failure import NOT_SO, CommandError
-from services.cli.gym_options import (
+from services.cli.session import session_config
+from services.cli.shared import launch
+from services.cli.shared.failure import NOT_SO, CommandError
+from services.cli.shared.gym_options import (
     Gym,
     GymActions,
     GymOption,
@@ -30,10 +31,9 @@ from services.cli.gym_options import (
     gym_flags,
     gym_world,
 )
-from services.cli.options import Episodes, Json, Level, Method, Seed, Starts, print_json
-from services.cli.session import session_config
-from services.cli.tables import labels_line, print_episodes, report_document
-from services.cli.waiting import stoppable
+from services.cli.shared.options import Episodes, Json, Level, Method, Seed, Starts, print_json
+from services.cli.shared.tables import labels_line, print_episodes, report_document
+from services.cli.shared.waiting import stoppable
 from services.operator import Operator, OperatorError
 from services.router import free_endpoint
 from services.runtime.bus import Received

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
-from services.cli.failure import NOT_SO, CommandError
-from services.cli.options import ENDPOINT, Access, Connect, Deployment, Json, print_json
-from services.cli.waiting import connected_bus
+from services.cli.shared.failure import NOT_SO, CommandError
+from services.cli.shared.options import ENDPOINT, Access, Connect, Deployment, Json, print_json
+from services.cli.shared.waiting import connected_bus
 from services.operations.checks import Check, State
 from services.operations.data_checks import data_checks
 from services.operations.machine_checks import machine_checks

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from services.cli.failure import CommandError
-from services.cli.journaled import no_such_session, session_names
-from services.cli.options import Json, print_json
+from services.cli.shared.failure import CommandError
+from services.cli.shared.options import Json, print_json
+from services.cli.shared.recorded import no_such_session, session_names
 
 
 class Format(Enum):

@@ -5,8 +5,8 @@ from typing import Annotated, Any
 
 import typer
 
-from services.cli.failure import BAD_USAGE, NOT_SO, CommandError
-from services.cli.options import Json, print_json
+from services.cli.shared.failure import BAD_USAGE, NOT_SO, CommandError
+from services.cli.shared.options import Json, print_json
 from services.operations.forget import Forgetting
 from services.operations.forget import forget as erase
 from services.runtime.clock import SystemClock

@@ -11,9 +11,9 @@ from urllib.parse import urlsplit
 import typer
 
 from protocol.keys import checked
-from services.cli.failure import NOT_SO, CommandError
-from services.cli.next_command import suggested
-from services.cli.options import (
+from services.cli.shared.failure import NOT_SO, CommandError
+from services.cli.shared.next_command import suggested
+from services.cli.shared.options import (
     DATA,
     ENDPOINT,
     Access,
@@ -25,8 +25,8 @@ from services.cli.options import (
     Verbose,
     print_json,
 )
-from services.cli.waiting import service_bus
-from services.cli.whereabouts import ToldConnect, ToldDeployment, Whereabouts, whereabouts
+from services.cli.shared.waiting import service_bus
+from services.cli.shared.whereabouts import ToldConnect, ToldDeployment, Whereabouts, whereabouts
 from services.runtime.endpoint import is_loopback
 from services.topology import CROWD
 from services.topology import Role as BusRole

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from protocol.codec import DecodeError
-from services.cli.failure import NOT_SO, CommandError
-from services.cli.journaled import no_such_session
-from services.cli.options import Json, Parameter, given_parameters, print_json
+from services.cli.shared.failure import NOT_SO, CommandError
+from services.cli.shared.options import Json, Parameter, given_parameters, print_json
+from services.cli.shared.recorded import no_such_session
 from services.replay import Replayed, ReplayedCrowd, replay_crowds, replay_directory
 from services.runtime.journal import verify as verify_journal
 from sfid_core.learning.parameters import Value

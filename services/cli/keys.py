@@ -12,10 +12,10 @@ import typer
 
 from protocol.identity import Identity, Role, check_key, is_revoked, is_token_id, sign
 from protocol.keys import checked
-from services.cli.failure import NOT_SO, CommandError
-from services.cli.next_command import suggested
-from services.cli.options import DATA, Data, Json, print_json
-from services.cli.whereabouts import ToldConnect, ToldDeployment, whereabouts
+from services.cli.shared.failure import NOT_SO, CommandError
+from services.cli.shared.next_command import suggested
+from services.cli.shared.options import DATA, Data, Json, print_json
+from services.cli.shared.whereabouts import ToldConnect, ToldDeployment, whereabouts
 from services.operations.withdrawal import revoke_person
 from services.runtime.register import Issued, Register, new_token_id
 from services.runtime.secret import FOLDER, load_secrets

@@ -7,8 +7,8 @@ from typing import Any
 from rich.console import Console
 from rich.progress import track
 
-from services.cli.failure import BAD_USAGE, NOT_SO, OK, CommandError
-from services.cli.level_files import Listed
+from services.cli.shared.failure import BAD_USAGE, NOT_SO, OK, CommandError
+from services.cli.shared.level_files import Listed
 from sfid_core.sokoban.actions import Action
 from sfid_core.sokoban.board import Level
 from sfid_core.sokoban.deadlock import surely_deadlocked

@@ -8,8 +8,6 @@ from typing import Annotated
 
 import typer
 
-from services.cli.failure import OK, CommandError
-from services.cli.level_files import Listed, find_level, find_levels
 from services.cli.level_rows import (
     Row,
     checked,
@@ -20,8 +18,10 @@ from services.cli.level_rows import (
     solved,
     tracked,
 )
-from services.cli.options import Json, Seed, print_json
 from services.cli.session import SEED_MAX
+from services.cli.shared.failure import OK, CommandError
+from services.cli.shared.level_files import Listed, find_level, find_levels
+from services.cli.shared.options import Json, Seed, print_json
 from sfid_core.sokoban.board import Level
 from sfid_core.sokoban.generator import Recipe, generate
 from sfid_core.sokoban.levels import collection, packaged_levels

@@ -16,7 +16,6 @@ from services.cli import (
     crowd,
     demo,
     doctor,
-    experiment,
     export,
     forget,
     gateway,
@@ -32,7 +31,8 @@ from services.cli import (
     teach,
     up,
 )
-from services.cli.failure import BAD_USAGE, CommandError
+from services.cli.experiment import group as experiment
+from services.cli.shared.failure import BAD_USAGE, CommandError
 from services.client import TeachingError
 from services.router import RouterError
 from services.runtime.bus import BusError

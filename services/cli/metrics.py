@@ -6,9 +6,9 @@ from typing import Annotated
 import typer
 
 from protocol.keys import Keys, checked
-from services.cli.failure import BAD_USAGE, CommandError
-from services.cli.options import ENDPOINT, Access, Connect, Deployment, SupervisedFd, Verbose
-from services.cli.waiting import service_bus
+from services.cli.shared.failure import BAD_USAGE, CommandError
+from services.cli.shared.options import ENDPOINT, Access, Connect, Deployment, SupervisedFd, Verbose
+from services.cli.shared.waiting import service_bus
 from services.operations.status import Board, Found
 from services.runtime.process import ProcessConfig, ServiceProcess
 from services.topology import CROWD, Role

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from protocol.keys import checked
-from services.cli.options import ENDPOINT, SupervisedFd, Verbose, print_json
+from services.cli.shared.options import ENDPOINT, SupervisedFd, Verbose, print_json
 from services.runtime.process import ProcessConfig, ServiceProcess
 
 if TYPE_CHECKING:

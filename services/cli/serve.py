@@ -7,9 +7,10 @@ from typing import Annotated
 import typer
 
 from protocol.keys import checked
-from services.cli.failure import CommandError
-from services.cli.next_command import teaching
-from services.cli.options import (
+from services.cli.router import router
+from services.cli.shared.failure import CommandError
+from services.cli.shared.next_command import teaching
+from services.cli.shared.options import (
     ENDPOINT,
     Access,
     Connect,
@@ -18,8 +19,7 @@ from services.cli.options import (
     SupervisedFd,
     Verbose,
 )
-from services.cli.router import router
-from services.cli.waiting import service_bus
+from services.cli.shared.waiting import service_bus
 from services.runtime.process import ProcessConfig, ServiceProcess
 from services.topology import Role
 

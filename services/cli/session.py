@@ -14,21 +14,6 @@ from protocol.codec import DecodeError, decode, encode
 from protocol.keys import KeyNameError, Keys, checked
 from protocol.messages import CreateSession, GymWorld, SessionList, WindowSpec, World
 from protocol.translate import config_of
-from services.cli.failure import NOT_SO, CommandError
-from services.cli.gym_options import Gym, GymActions, GymOption, GymRender, RewardScale, gym_world
-from services.cli.level_files import check_starts, find_level
-from services.cli.next_command import suggested
-from services.cli.options import (
-    CONNECT_TIMEOUT_MS,
-    ENDPOINT,
-    Access,
-    Connect,
-    Deployment,
-    Json,
-    Parameter,
-    Seed,
-    print_json,
-)
 from services.cli.session_rows import Match, StateFlag, counted, lacking, listed, state_of
 from services.cli.session_source import (
     DeadlockReward,
@@ -47,9 +32,24 @@ from services.cli.session_source import (
     scripted_commands,
     wire_world,
 )
-from services.cli.tables import labels_line, print_episodes, report_document
-from services.cli.waiting import connected_bus
-from services.cli.warnings import warn
+from services.cli.shared.failure import NOT_SO, CommandError
+from services.cli.shared.gym_options import Gym, GymActions, GymOption, GymRender, RewardScale, gym_world
+from services.cli.shared.level_files import check_starts, find_level
+from services.cli.shared.next_command import suggested
+from services.cli.shared.options import (
+    CONNECT_TIMEOUT_MS,
+    ENDPOINT,
+    Access,
+    Connect,
+    Deployment,
+    Json,
+    Parameter,
+    Seed,
+    print_json,
+)
+from services.cli.shared.tables import labels_line, print_episodes, report_document
+from services.cli.shared.waiting import connected_bus
+from services.cli.shared.warnings import warn
 from services.operator import Operator, OperatorError
 from services.runtime.schema_fault import in_words
 from services.topology import Role

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from protocol.keys import Keys
 from protocol.messages import SessionList
-from services.cli.journaled import NAMES_MAX
-from services.cli.next_command import suggested
 from services.cli.session_rows import lacking
-from services.cli.waiting import connected_bus
+from services.cli.shared.next_command import suggested
+from services.cli.shared.recorded import NAMES_MAX
+from services.cli.shared.waiting import connected_bus
 from services.operator import Operator, OperatorError
 from services.runtime.bus import BusError
 from services.runtime.endpoint import split_endpoint

@@ -14,10 +14,10 @@ from protocol.codec import DecodeError, decode
 from protocol.journal import Kind, Record, events_of
 from protocol.messages import CreateSession, GymWorld, World
 from protocol.translate import config_of
-from services.cli.failure import CommandError
-from services.cli.journaled import no_such_session
-from services.cli.level_files import check_starts, find_level
-from services.cli.options import given_parameters
+from services.cli.shared.failure import CommandError
+from services.cli.shared.level_files import check_starts, find_level
+from services.cli.shared.options import given_parameters
+from services.cli.shared.recorded import no_such_session
 from sfid_core.learning.methods import METHODS
 from sfid_core.learning.parameters import Value, as_written
 from sfid_core.session.config import SessionConfig, WorldSpec

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from services.cli.failure import NOT_SO
-from services.cli.options import Json, print_json
+from services.cli.shared.failure import NOT_SO
+from services.cli.shared.options import Json, print_json
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

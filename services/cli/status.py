@@ -7,9 +7,9 @@ import msgspec
 import typer
 
 from protocol.keys import Keys, checked
-from services.cli.failure import NOT_SO, CommandError
-from services.cli.options import ENDPOINT, Access, Connect, Deployment, Json, print_json
-from services.cli.waiting import connected_bus
+from services.cli.shared.failure import NOT_SO, CommandError
+from services.cli.shared.options import ENDPOINT, Access, Connect, Deployment, Json, print_json
+from services.cli.shared.waiting import connected_bus
 from services.operations.status import USUAL_NAMES, Found, ask, survey
 from services.runtime.bus import Bus, BusError
 from services.runtime.secret import SecretError
@@ -110,7 +110,7 @@ def _print_table(found: list[Found]) -> None:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    from services.cli.tables import print_whole
+    from services.cli.shared.tables import print_whole
 
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for heading in ("role", "name", "ready", "up for", "running", "people", "backlog", "last commit"):

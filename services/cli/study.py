@@ -8,11 +8,11 @@ from typing import Annotated
 
 import typer
 
-from services.cli import launch
-from services.cli.failure import NOT_SO, CommandError
-from services.cli.level_files import check_starts, find_level
-from services.cli.next_command import suggested
-from services.cli.options import (
+from services.cli.shared import launch
+from services.cli.shared.failure import NOT_SO, CommandError
+from services.cli.shared.level_files import check_starts, find_level
+from services.cli.shared.next_command import suggested
+from services.cli.shared.options import (
     ENDPOINT,
     Access,
     Connect,
@@ -22,7 +22,7 @@ from services.cli.options import (
     Verbose,
     print_json,
 )
-from services.cli.waiting import service_bus, stoppable
+from services.cli.shared.waiting import service_bus, stoppable
 from services.router import free_endpoint
 from services.runtime.signals import Stop
 from services.study.definition_file import StudyFile, read_study, template

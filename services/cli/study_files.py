@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from services.cli.failure import CommandError
+from services.cli.shared.failure import CommandError
 from services.exports.study_tables import study_tables
 from services.exports.table import ExportError
 from services.exports.write import write_tables

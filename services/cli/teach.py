@@ -8,9 +8,10 @@ from typing import Annotated, Any
 import typer
 
 from protocol.keys import KeyNameError, Keys, checked
-from services.cli.failure import CommandError
-from services.cli.gym_options import Gym, GymActions, GymOption, best_of
-from services.cli.options import (
+from services.cli.session_hint import session_hint
+from services.cli.shared.failure import CommandError
+from services.cli.shared.gym_options import Gym, GymActions, GymOption, best_of
+from services.cli.shared.options import (
     CONNECT_TIMEOUT_MS,
     ENDPOINT,
     Access,
@@ -23,8 +24,7 @@ from services.cli.options import (
     given_parameters,
     print_json,
 )
-from services.cli.session_hint import session_hint
-from services.cli.waiting import connected_bus, service_bus
+from services.cli.shared.waiting import connected_bus, service_bus
 from services.runtime.process import ProcessConfig, ServiceProcess
 from services.topology import teaching_role
 from sfid_core.teaching.personas import PERSONAS, persona_named

@@ -9,12 +9,12 @@ from typing import Annotated
 
 import typer
 
-from services.cli import launch
 from services.cli.config_keys import show_keys
-from services.cli.failure import CommandError
-from services.cli.next_command import suggested
-from services.cli.waiting import stoppable
-from services.cli.whereabouts import note_whereabouts
+from services.cli.shared import launch
+from services.cli.shared.failure import CommandError
+from services.cli.shared.next_command import suggested
+from services.cli.shared.waiting import stoppable
+from services.cli.shared.whereabouts import note_whereabouts
 from services.runtime.config import Config, ConfigError, read_config
 from services.runtime.endpoint import is_loopback
 from services.runtime.log_config import configure

@@ -29,7 +29,7 @@ from websockets.asyncio.client import ClientConnection, connect
 
 from protocol.identity import Identity, Role, sign
 from protocol.messages import WindowSpec
-from services.cli import launch
+from services.cli.shared import launch
 from services.gateway.service import read_status
 from services.runtime.config import GatewaySection
 from services.runtime.register import new_token_id

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from protocol.keys import Keys
 from protocol.messages import CreateSession, WindowSpec, World
-from services.cli import launch
+from services.cli.shared import launch
 from services.operator import Operator
 from services.router import free_endpoint
 from services.runtime.signals import Stop

@@ -35,7 +35,7 @@ from protocol.codec import encode
 from protocol.keys import Keys
 from protocol.messages import CreateSession, WindowSpec
 from protocol.status_message import ServiceStatus
-from services.cli import launch
+from services.cli.shared import launch
 from services.operations.status import ask
 from services.operator import Operator
 from services.runtime.bus import Reply

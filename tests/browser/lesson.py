@@ -13,7 +13,7 @@ from typing import Any
 from protocol.identity import Identity, Role, sign
 from protocol.keys import Keys
 from protocol.messages import CreateSession, SessionReport, WindowSpec, World
-from services.cli import launch
+from services.cli.shared import launch
 from services.gateway.service import read_status
 from services.operator import Operator
 from services.router import free_endpoint

@@ -6,7 +6,7 @@ from pathlib import Path
 from protocol.codec import encode, pack
 from protocol.journal import Kind
 from protocol.messages import CreateSession, WindowSpec, World
-from services.cli.failure import NOT_SO
+from services.cli.shared.failure import NOT_SO
 from services.replay import replay_directory
 from services.runtime.journal import Shard
 from sfid_core.sokoban.levels import packaged

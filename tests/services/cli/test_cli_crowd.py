@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from services.cli.crowd_files import Rows, read_labels, read_truth
-from services.cli.failure import CommandError
+from services.cli.shared.failure import CommandError
 from sfid_core.crowd.methods import NAMES
 from tests.core.crowd.crowds import DATA
 from tests.services.cli.command_line import sfid

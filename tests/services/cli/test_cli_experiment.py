@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from services.cli.catalogue import meanings
-from services.cli.progress import Lines
+from services.cli.shared.progress import Lines
 from sfid_core.learning.guidance import GuidanceParameters
 from tests.services.cli.command_line import alive, kill, running, sfid, wait_for
 

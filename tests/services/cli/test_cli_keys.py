@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from protocol.identity import TokenFault, verify
-from services.cli.options import ENDPOINT
-from services.cli.whereabouts import note_whereabouts
+from services.cli.shared.options import ENDPOINT
+from services.cli.shared.whereabouts import note_whereabouts
 from services.runtime.clock import SystemClock
 from services.runtime.doorkeeper import DoorFault, Doorkeeper
 from services.runtime.secret import load_secrets

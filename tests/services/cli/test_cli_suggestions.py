@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from services.cli import launch
-from services.cli.experiment_session import absent_teachers, replacement_note
-from services.cli.launch import Deployed
-from services.cli.next_command import suggested, teaching
-from services.cli.options import DATA, ENDPOINT
+from services.cli.experiment.session import absent_teachers, replacement_note
 from services.cli.session_source import condition_named
+from services.cli.shared import launch
+from services.cli.shared.launch import Deployed
+from services.cli.shared.next_command import suggested, teaching
+from services.cli.shared.options import DATA, ENDPOINT
+from services.cli.shared.whereabouts import note_whereabouts
 from services.cli.up import told
-from services.cli.whereabouts import note_whereabouts
 from services.monitor.config import TEACH
 from tests.services.aggregator.crowd_room import CrowdRoom
 from tests.services.cli.command_line import Done, sfid

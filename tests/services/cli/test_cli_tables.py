@@ -5,7 +5,7 @@ from io import StringIO
 from rich.console import Console
 from rich.table import Table
 
-from services.cli.tables import print_whole
+from services.cli.shared.tables import print_whole
 
 CELLS = ("a-long-name-that-nothing-cuts", "1234567890", "some words that may be wrapped where they must")
 

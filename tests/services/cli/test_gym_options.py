@@ -5,8 +5,8 @@ from typing import Any
 import gymnasium
 import pytest
 
-from services.cli.failure import CommandError
-from services.cli.gym_options import gym_options, gym_world
+from services.cli.shared.failure import CommandError
+from services.cli.shared.gym_options import gym_options, gym_world
 
 LAKE = "FrozenLake-v1"
 

@@ -9,9 +9,9 @@ from protocol.codec import encode
 from protocol.keys import Keys
 from protocol.messages import Done, GymWorld, SessionList, SessionSummary, WindowSpec
 from services.cli.demo import named_afresh
-from services.cli.failure import CommandError
 from services.cli.session import session_config
 from services.cli.session_rows import State, counted, lacking, listed, state_of
+from services.cli.shared.failure import CommandError
 from services.operator import Operator
 from services.router import RouterConfig, free_endpoint
 from services.runtime.memory_bus import MemoryBus, MemoryHub

@@ -8,7 +8,6 @@ import pytest
 
 from protocol.messages import CreateSession
 from protocol.translate import config_of
-from services.cli.failure import CommandError
 from services.cli.session_source import (
     Flags,
     Recorded,
@@ -20,6 +19,7 @@ from services.cli.session_source import (
     scripted_commands,
     wire_world,
 )
+from services.cli.shared.failure import CommandError
 from sfid_core.sokoban.world import WorldError
 from sfid_core.teaching.personas import persona_named
 from tests.services.learner.classroom import UNTIL_ANSWERED, Classroom, Pupil, session

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from services.cli.options import SERVICE_CONNECT_TIMEOUT_MS
 from services.cli.session_hint import session_hint
-from services.cli.waiting import Told, service_bus
+from services.cli.shared.options import SERVICE_CONNECT_TIMEOUT_MS
+from services.cli.shared.waiting import Told, service_bus
 from services.router import RouterConfig
 from services.runtime.access import CertificateError, make_access
 from services.runtime.bus import BusError

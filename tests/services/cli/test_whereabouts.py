@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from protocol.keys import KeyNameError
-from services.cli.failure import CommandError
-from services.cli.whereabouts import NOTE, Whereabouts, note_whereabouts, whereabouts
+from services.cli.shared.failure import CommandError
+from services.cli.shared.whereabouts import NOTE, Whereabouts, note_whereabouts, whereabouts
 from services.runtime.bus import BusError
 
 LAB = "tls/192.0.2.7:7447"

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from services.cli.failure import CommandError
 from services.cli.journal import replay
+from services.cli.shared.failure import CommandError
 from services.experiments.other_method import Misfit, OtherMethod, replay_with
 from sfid_core.learning.parameters import ParameterError
 from tests.services.learner.classroom import Classroom, session

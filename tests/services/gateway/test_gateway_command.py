@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from protocol.identity import Role, TokenError, verify
-from services.cli import launch
+from services.cli.shared import launch
 from services.gateway.service import read_status
 from services.router import free_endpoint
 from services.runtime.config import GatewaySection

@@ -14,8 +14,8 @@ from gymnasium.error import DependencyNotInstalled
 from protocol.messages import GymWorld
 from protocol.translate import action_names
 from protocol.world_messages import UNDO
-from services.cli.failure import CommandError
-from services.cli.gym_options import gym_world
+from services.cli.shared.failure import CommandError
+from services.cli.shared.gym_options import gym_world
 from services.environment import Environment
 from services.gym.errors import GymError
 from services.gym.world import GymGround, described

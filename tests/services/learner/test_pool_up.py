@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from services.cli.launch import Deployed, learner, learners
+from services.cli.shared.launch import Deployed, learner, learners
 from services.learner.ownership import shard_of
 from services.router import free_endpoint
 from tests.services.cli.command_line import processes, running, sfid, wait_for

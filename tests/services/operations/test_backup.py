@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from services.cli.whereabouts import note_whereabouts
+from services.cli.shared.whereabouts import note_whereabouts
 from services.operations.backup import MANIFEST, Backup, BackupError, backup
 from services.replay import replay_directory
 from services.runtime.clock import SystemClock
@@ -100,7 +100,7 @@ def test_what_was_acknowledged_before_a_backup_began_is_in_it_while_the_writer_g
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from services.cli.whereabouts import note_whereabouts
+from services.cli.shared.whereabouts import note_whereabouts
 from services.operations.backup import backup
 from services.runtime.clock import SystemClock
 

@@ -38,7 +38,7 @@ from protocol.messages import (
     Wire,
 )
 from protocol.world_messages import ExecuteAction
-from services.cli import launch
+from services.cli.shared import launch
 from services.runtime.bus import Received
 from services.runtime.journal import read_rows
 from services.topology import Role

@@ -14,7 +14,7 @@ from protocol.identity import Identity, check_key, sign
 from protocol.identity import Role as TokenRole
 from protocol.keys import Keys
 from protocol.messages import CreateSession, WindowSpec, World
-from services.cli import launch
+from services.cli.shared import launch
 from services.client import AnswerState, AnswerUpdate, Client, Opened
 from services.operator import Operator
 from services.outbox import Outbox

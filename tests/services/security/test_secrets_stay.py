@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from protocol.identity import check_key
-from services.cli import launch
+from services.cli.shared import launch
 from services.cli.up import asks_for_tokens
 from services.runtime.access import read_access
 from services.runtime.config import Config, GatewaySection

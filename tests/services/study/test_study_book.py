@@ -11,9 +11,9 @@ import pytest
 from typer.testing import CliRunner
 
 from protocol.messages import CreateSession
-from services.cli.failure import CommandError
-from services.cli.level_files import find_level
 from services.cli.main import app
+from services.cli.shared.failure import CommandError
+from services.cli.shared.level_files import find_level
 from services.cli.study import load
 from services.operator import OperatorError
 from services.runtime.clock import ManualClock

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from services.cli.level_files import find_level
+from services.cli.shared.level_files import find_level
 from services.study.definition_file import read_study
 from services.study.reading import read_participants
 from sfid_core.study.assignment import order_of

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from protocol.messages import GymWorld, Refusal
-from services.cli.gym_options import best_actions
+from services.cli.shared.gym_options import best_actions
 from services.runtime.memory_bus import MemoryBus, MemoryHub
 from services.teachers.crowd import CrowdConfig, CrowdError, SimulatedCrowd, run
 from services.teachers.scripted import Best, ScriptedError

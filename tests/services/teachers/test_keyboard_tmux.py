@@ -9,7 +9,7 @@ import pytest
 
 from protocol.keys import Keys
 from protocol.messages import CreateSession, WindowSpec, World
-from services.cli import launch
+from services.cli.shared import launch
 from services.operator import Operator
 from services.replay import replay_directory
 from services.router import free_endpoint

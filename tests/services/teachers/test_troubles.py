@@ -6,8 +6,8 @@ from functools import partial
 import pytest
 
 from protocol.messages import Refusal, SessionList, SessionSummary
-from services.cli.next_command import suggested
 from services.cli.session_hint import hint_of
+from services.cli.shared.next_command import suggested
 from services.client import AnswerState, AnswerUpdate, Connection, Refused
 from services.runtime.clock import ManualClock
 from services.runtime.memory_bus import MemoryBus, MemoryHub

@@ -9,9 +9,9 @@ import msgspec
 import typer
 
 from protocol.keys import checked
-from services.cli.failure import CommandError
-from services.cli.next_command import DEPLOYMENT
-from services.cli.options import ENDPOINT
+from services.cli.shared.failure import CommandError
+from services.cli.shared.next_command import DEPLOYMENT
+from services.cli.shared.options import ENDPOINT
 from services.runtime.bus import BusError
 from services.runtime.endpoint import is_loopback, reached_at, split_endpoint
 

@@ -3,7 +3,7 @@
 import shlex
 from pathlib import Path
 
-from services.cli.options import DATA, ENDPOINT
+from services.cli.shared.options import DATA, ENDPOINT
 from services.runtime.endpoint import reached_at
 from services.topology import CROWD
 

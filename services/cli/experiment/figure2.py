@@ -1,4 +1,4 @@
-"""`sfid experiment figure2|...`: compare methods and teachers over many seeds."""
+"""`sfid experiment figure2`: the founding paper's comparison, over many seeds."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,14 +8,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from services.cli import (
-    experiment_circuits,
-    experiment_crowd,
-    experiment_guidance,
-    experiment_learners,
-    experiment_session,
-)
-from services.cli.experiment_shared import (
+from services.cli.experiment.shared import (
     Out,
     Plain,
     Seeds,
@@ -25,29 +18,16 @@ from services.cli.experiment_shared import (
     seed_range,
     world_spec,
 )
-from services.cli.options import Json, Level, Seed, Starts, print_json
-from services.cli.tables import print_whole
+from services.cli.shared.options import Json, Level, Seed, Starts, print_json
+from services.cli.shared.tables import print_whole
 from sfid_core.experiments.summary import ArmSummary, Measure
-
-experiment_app = typer.Typer(
-    help="Compare methods and teachers over many seeds.", no_args_is_help=True, rich_markup_mode=None
-)
 
 
 def add_to(app: typer.Typer) -> None:
-    """Add the experiments."""
-    for one in (
-        experiment_session,
-        experiment_learners,
-        experiment_guidance,
-        experiment_circuits,
-        experiment_crowd,
-    ):
-        one.add_to(experiment_app)
-    app.add_typer(experiment_app, name="experiment")
+    """Add the experiment."""
+    app.command()(figure2)
 
 
-@experiment_app.command()
 def figure2(
     seeds: Seeds = 100,
     seed: Seed = 0,
@@ -59,7 +39,7 @@ def figure2(
     as_json: Json = False,
 ) -> None:
     """The founding paper's experiment: sfid and reward, an expert and a naive teacher, 30 episodes."""
-    from services.cli.experiment_files import write_founding_files
+    from services.cli.experiment.files import write_founding_files
     from sfid_core.experiments import figure2 as experiment
     from sfid_core.experiments.intervals import Resampling
     from sfid_core.experiments.summary import summarise

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from protocol.journal import Kind
-from services.cli.failure import BAD_USAGE, CommandError
+from services.cli.shared.failure import BAD_USAGE, CommandError
 from services.runtime.journal import read_rows
 
 NAMES_MAX = 10

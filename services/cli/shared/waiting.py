@@ -9,8 +9,8 @@ from pathlib import Path
 
 import typer
 
-from services.cli.failure import OK
-from services.cli.options import SERVICE_CONNECT_TIMEOUT_MS
+from services.cli.shared.failure import OK
+from services.cli.shared.options import SERVICE_CONNECT_TIMEOUT_MS
 from services.runtime.access import CertificateError, CleartextError, access_for
 from services.runtime.bus import Bus, BusError
 from services.runtime.secret import SecretError

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from services.cli.failure import CommandError
+from services.cli.shared.failure import CommandError
 from services.exports.experiment_tables import claim_table, curve_table, episode_table, seed_table
 from services.exports.table import Column, ExportError, Kind
 from services.exports.write import write_tables
@@ -28,7 +28,7 @@ from sfid_core.experiments.learners import CHECKPOINTS, total_name
 from sfid_core.experiments.summary import Arm, ArmSummary, Measure
 
 if TYPE_CHECKING:
-    from services.cli.experiment_learners import LevelFindings
+    from services.cli.experiment.learners import LevelFindings
 
 
 def check_figures() -> None:

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from services.cli.options import CONNECT_TIMEOUT_MS
-from services.cli.waiting import connected_bus
+from services.cli.shared.options import CONNECT_TIMEOUT_MS
+from services.cli.shared.waiting import connected_bus
 from services.runtime.access import FOLDER
 from services.runtime.config import AggregatorSection, GatewaySection
 from services.runtime.endpoint import reached_at

@@ -10,8 +10,8 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from services.cli.experiment_settings import Setting, print_settings, settings_of
-from services.cli.experiment_shared import (
+from services.cli.experiment.settings import Setting, print_settings, settings_of
+from services.cli.experiment.shared import (
     Out,
     Plain,
     Seeds,
@@ -22,8 +22,8 @@ from services.cli.experiment_shared import (
     seed_range,
     world_spec,
 )
-from services.cli.options import Json, Seed, print_json
-from services.cli.tables import print_whole
+from services.cli.shared.options import Json, Seed, print_json
+from services.cli.shared.tables import print_whole
 from sfid_core.experiments.claims import Claim
 from sfid_core.experiments.condition import Condition, Results
 from sfid_core.experiments.intervals import Resampling
@@ -71,7 +71,7 @@ def learners(  # noqa: PLR0917 - one argument a flag
     as_json: Json = False,
 ) -> None:
     """Methods by teachers: what the policy alone solves after 30, 100 and 300 episodes, and the answers."""
-    from services.cli.experiment_files import write_learner_files
+    from services.cli.experiment.files import write_learner_files
     from sfid_core.experiments import learners as experiment
     from sfid_core.learning.methods import METHODS
     from sfid_core.teaching.personas import PERSONAS

@@ -11,7 +11,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from services.cli.experiment_shared import (
+from services.cli.experiment.shared import (
     Out,
     Seeds,
     check_folder,
@@ -20,10 +20,10 @@ from services.cli.experiment_shared import (
     seed_range,
     world_spec,
 )
-from services.cli.failure import CommandError
-from services.cli.options import Json, Level, Seed, print_json
-from services.cli.progress import progress
-from services.cli.tables import print_whole
+from services.cli.shared.failure import CommandError
+from services.cli.shared.options import Json, Level, Seed, print_json
+from services.cli.shared.progress import progress
+from services.cli.shared.tables import print_whole
 from sfid_core.crowd.settings import CrowdMethod, CrowdSettings, crowd_method
 from sfid_core.experiments.claims import Claim
 from sfid_core.experiments.crowd import CrowdCondition

@@ -11,11 +11,11 @@ from typing import Annotated, NamedTuple
 import typer
 from rich.console import Console
 
-from services.cli.failure import CommandError
-from services.cli.level_files import check_starts, find_level
-from services.cli.progress import progress
 from services.cli.session import SEED_MAX
-from services.cli.warnings import warn
+from services.cli.shared.failure import CommandError
+from services.cli.shared.level_files import check_starts, find_level
+from services.cli.shared.progress import progress
+from services.cli.shared.warnings import warn
 from services.experiments.runnable import Runnable
 from sfid_core.experiments.claims import Claim
 from sfid_core.experiments.condition import Condition, Results, results_sha256
@@ -105,7 +105,7 @@ def run_all(
 
 def check_folder(folder: Path) -> None:
     """Raise with the mend where nothing can be written, or drawn, before a long run rather than after it."""
-    from services.cli.experiment_files import check_figures
+    from services.cli.experiment.files import check_figures
 
     check_figures()
     try:

@@ -9,14 +9,14 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from services.cli.experiment_shared import Out, Plain, Seeds, Workers, print_findings, run_all, seed_range
-from services.cli.options import Json, Seed, Starts, print_json
-from services.cli.tables import print_whole
+from services.cli.experiment.shared import Out, Plain, Seeds, Workers, print_findings, run_all, seed_range
+from services.cli.shared.options import Json, Seed, Starts, print_json
+from services.cli.shared.tables import print_whole
 from sfid_core.experiments.guidance import CONVERGED, INPUTS, STEPS, Benefit
 from sfid_core.experiments.summary import ArmSummary
 
 if TYPE_CHECKING:
-    from services.cli.experiment_files import Dots
+    from services.cli.experiment.files import Dots
 
 
 def add_to(app: typer.Typer) -> None:
@@ -34,7 +34,7 @@ def guidance(
     as_json: Json = False,
 ) -> None:
     """Steps to converge with rewards, with guidance and with undo, in rooms of 4 x 4 to 7 x 7 cells."""
-    from services.cli.experiment_files import write_total_files
+    from services.cli.experiment.files import write_total_files
     from sfid_core.experiments import guidance as experiment
     from sfid_core.experiments.intervals import Resampling
     from sfid_core.experiments.summary import summarise
@@ -73,7 +73,7 @@ def _arm(summary: ArmSummary) -> dict[str, Any]:
 
 def figures(summaries: Sequence[ArmSummary], benefits: Sequence[Benefit]) -> "list[Dots]":
     """Return the steps that each way of teaching needs in each room, and how many times fewer they are."""
-    from services.cli.experiment_files import Dots
+    from services.cli.experiment.files import Dots
     from services.plots.figures import total_grid
     from services.plots.model import Grid
 

@@ -7,8 +7,8 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from services.cli.experiment_settings import print_settings, settings_of
-from services.cli.experiment_shared import (
+from services.cli.experiment.settings import print_settings, settings_of
+from services.cli.experiment.shared import (
     Out,
     Plain,
     Seeds,
@@ -18,8 +18,8 @@ from services.cli.experiment_shared import (
     seed_range,
     world_spec,
 )
-from services.cli.options import Json, Seed, print_json
-from services.cli.tables import print_whole
+from services.cli.shared.options import Json, Seed, print_json
+from services.cli.shared.tables import print_whole
 from sfid_core.experiments.summary import ArmSummary
 from sfid_core.session.config import WorldSpec
 
@@ -41,7 +41,7 @@ def circuits(
     as_json: Json = False,
 ) -> None:
     """Positive reward circuits: the goal reward that rules them out, and what cures a trapped learner."""
-    from services.cli.experiment_files import Dots, write_total_files
+    from services.cli.experiment.files import Dots, write_total_files
     from services.plots.figures import total_grid
     from sfid_core.experiments import circuits as experiment
     from sfid_core.experiments.intervals import Resampling

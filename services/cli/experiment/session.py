@@ -11,7 +11,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from services.cli.experiment_shared import (
+from services.cli.experiment.shared import (
     Out,
     Plain,
     Run,
@@ -22,8 +22,6 @@ from services.cli.experiment_shared import (
     run_all,
     seed_range,
 )
-from services.cli.failure import CommandError
-from services.cli.options import Json, Parameter, print_json
 from services.cli.session_source import (
     DeadlockReward,
     EpisodesFlag,
@@ -38,7 +36,9 @@ from services.cli.session_source import (
     chosen,
     recorded,
 )
-from services.cli.tables import print_whole
+from services.cli.shared.failure import CommandError
+from services.cli.shared.options import Json, Parameter, print_json
+from services.cli.shared.tables import print_whole
 from sfid_core.experiments.condition import Condition
 from sfid_core.experiments.summary import ArmSummary, Measure
 from sfid_core.teaching.personas import PERSONAS, persona_named
@@ -156,7 +156,7 @@ def _report(
     *,
     as_json: bool,
 ) -> None:
-    from services.cli.experiment_files import write_curve_files
+    from services.cli.experiment.files import write_curve_files
     from sfid_core.experiments.condition import arm_of
     from sfid_core.experiments.intervals import Resampling
     from sfid_core.experiments.summary import summarise

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from services.cli.failure import CommandError
+from services.cli.shared.failure import CommandError
 from services.runtime.zenoh_config import DEFAULT_ENDPOINT
 from sfid_core.learning.methods import METHODS
 from sfid_core.learning.parameters import Value

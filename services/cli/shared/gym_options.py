@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from protocol.messages import GymWorld
-from services.cli.failure import CommandError
+from services.cli.shared.failure import CommandError
 
 Gym = Annotated[
     str | None,

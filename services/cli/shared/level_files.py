@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from services.cli.failure import CommandError
+from services.cli.shared.failure import CommandError
 from sfid_core.sokoban.board import Level
 from sfid_core.sokoban.levels import LevelError, packaged, packaged_levels, read_bytes
 from sfid_core.sokoban.world import World, WorldConfig, WorldError

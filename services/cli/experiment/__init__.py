@@ -1,0 +1,1 @@
+"""`sfid experiment`: one thin file for each experiment."""

@@ -1,0 +1,1 @@
+"""What several commands share: options, waiting, tables, and how a command fails. It knows no command."""
