@@ -40,7 +40,7 @@ View = Annotated[str, Meta(max_length=32_768)]
 Token = Annotated[str, Meta(max_length=1024)]
 ActionNames = Annotated[tuple[ActionName, ...], Meta(min_length=1, max_length=64)]
 Asked = Literal["label", "reward", "guidance", "undo", "mistake", "nothing"]
-OutcomeName = Literal["running", "solved", "deadlock", "cap"]
+OutcomeName = Literal["running", "solved", "deadlock", "cap", "failed"]
 
 MET_MAX = 4096
 """Names that are remembered; the one met longest ago is looked at again."""

@@ -163,11 +163,11 @@ class GymGround:
         """Return how a step leaves its episode.
 
         Ended well is SOLVED: with the best reward that any ending brings, above 0 where nobody knows them.
-        Any other end is DEADLOCK: nothing follows. An environment that cuts itself off is at its CAP.
+        Any other end is FAILED: nothing follows. An environment that cuts itself off is at its CAP.
         """
         if ended:
             well = reward > 0 if self.table is None else reward >= self.table.best_ending
-            return Outcome.SOLVED if well else Outcome.DEADLOCK
+            return Outcome.SOLVED if well else Outcome.FAILED
         return Outcome.CAP if cut else Outcome.RUNNING
 
     def begin(self, episode: int) -> "GymCourse":

@@ -45,7 +45,7 @@ class Doubtful:
             (self.split, f"teachers differed on {self.split} of {self.visits} visits"),
             (self.turned, f"a teacher changed their mind {_times(self.turned)}"),
             (self.blocked, f"the named move moved nothing {_times(self.blocked)}"),
-            (self.fatal, f"the named move left it unsolvable {_times(self.fatal)}"),
+            (self.fatal, f"the named move ended it unsolved {_times(self.fatal)}"),
         )
         return "; ".join(text for count, text in found if count)
 
@@ -81,7 +81,7 @@ class Doubts:
             state.named.setdefault(action, Counter())[teacher] += 1
         if step.action == step.label:
             state.blocked += step.view == step.next_view
-            state.fatal += step.outcome == "deadlock"
+            state.fatal += step.outcome in {"deadlock", "failed"}
         visits, splits = self._cells.get(cell, (0, 0))
         self._cells[cell] = visits + 1, splits + split
         return True

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 
+from protocol.fields import OutcomeName
 from protocol.messages import Decision, Episode, SaidBy, SessionReport, Step, WindowSpec
 from services.monitor.config import TEACH
 
@@ -24,7 +25,13 @@ EPISODES_SHOWN = 24
 """As many as a window shows at once: the newest is the last of them, as in the events."""
 OF_TWO = "of two, nothing tells which one errs"
 """One line of a pane that shows five."""
-ENDS = {"solved": "solved", "deadlock": "ended in a deadlock", "cap": "gave up", "running": "stopped"}
+ENDS: dict[OutcomeName, str] = {
+    "solved": "solved",
+    "deadlock": "ended in a deadlock",
+    "failed": "failed",
+    "cap": "gave up",
+    "running": "stopped",
+}
 
 
 def open_markdown(

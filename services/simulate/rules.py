@@ -85,7 +85,7 @@ def _modelled(evidence: Evidence) -> str:
         said[decision].append(answers[-1])
     for state, taken in evidence.transitions():
         action = evidence.actions.get(taken.decision, "LEFT")
-        after = None if taken.outcome in {"solved", "deadlock"} else taken.state
+        after = None if taken.outcome in {"solved", "deadlock", "failed"} else taken.state
         table.learn(state, action, taken.reward, _h(said[taken.decision], action), after)
     return table.sha256()
 

@@ -2,6 +2,7 @@
 
 from rich.text import Text
 
+from protocol.fields import OutcomeName
 from protocol.messages import Decision, Episode
 from services.teachers.progress import Note, Progress
 
@@ -18,7 +19,13 @@ _PHASES = {
     "executing": "the agent acts",
     "finished": "the session is finished",
 }
-_OUTCOMES = {"solved": "solved", "deadlock": "stuck (deadlock)", "cap": "gave up (step limit)", "running": ""}
+OUTCOMES: dict[OutcomeName, str] = {
+    "solved": "solved",
+    "deadlock": "stuck (deadlock)",
+    "failed": "failed",
+    "cap": "gave up (step limit)",
+    "running": "",
+}
 
 
 def title(progress: Progress, session: str, teacher: str) -> Text:
@@ -132,7 +139,7 @@ def _measures(progress: Progress, now_ns: int) -> Text:
 
 def _result(episode: Episode) -> str:
     shortest = "" if episode.optimal_steps is None else f" (shortest {episode.optimal_steps})"
-    return f"{_OUTCOMES[episode.outcome]} in {episode.steps}{shortest}"
+    return f"{OUTCOMES[episode.outcome]} in {episode.steps}{shortest}"
 
 
 def _company(decision: Decision) -> Text:

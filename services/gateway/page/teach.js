@@ -16,7 +16,7 @@ const FATES = {
   too_late: ["◷", "too late to count, but saved"],
   rejected: ["✕", "not taken"],
 };
-const OUTCOMES = { solved: "solved", deadlock: "stuck", cap: "out of steps", running: "cut off" };
+const OUTCOMES = { solved: "solved", deadlock: "stuck", failed: "failed", cap: "out of steps", running: "cut off" };
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 
 const nameOf = (decision) => (decision ? `${decision.session}/${decision.epoch}/${decision.asked}/${decision.decision}` : null);

@@ -48,7 +48,6 @@ def test_a_step_pays_and_ends_as_configured(
     done = World(start.level, REWARDS, "1", 0).execute(start, Action[action], steps_done)
     assert done == Consequence(step(start, Action[action]).board, reward, outcome)
     assert done.terminal is terminal
-    assert outcome.value in {"running", "solved", "deadlock", "cap"}
 
 
 def test_a_level_too_large_to_solve_is_played_with_provable_deadlocks_only() -> None:

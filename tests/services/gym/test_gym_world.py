@@ -84,7 +84,7 @@ def test_a_lake_is_walked_to_its_goal_with_the_steps_that_are_left() -> None:
 
 def test_a_hole_ends_the_episode_without_success() -> None:
     last = walked(Environment(), DRY_LAKE, ("DOWN", "RIGHT"))[-1]
-    assert (last.outcome, last.reward, last.optimal_steps) == ("deadlock", 0.0, None)
+    assert (last.outcome, last.reward, last.optimal_steps) == ("failed", 0.0, None)
 
 
 def test_the_end_of_the_cliff_is_its_goal_although_it_costs_a_step() -> None:
