@@ -1,8 +1,8 @@
 """Where teachers disagree, and which states are doubtful: their labels are likely to be wrong.
 
 A state is doubtful when what was said there cannot all be right: two teachers named different actions on the
-same visit, a teacher named another action than before, or the named move ran into a wall or box, or made the
-level unsolvable. Each counts as often as it happened; states are ranked by that number.
+same visit, a teacher named another action than before, or the named move ran into a wall or box, or ended the
+episode unsolved. Each counts as often as it happened; states are ranked by that number.
 """
 
 from collections import Counter, OrderedDict
@@ -29,7 +29,7 @@ class Doubtful:
     blocked: int = 0
     """Times that the named move was made and moved nothing."""
     fatal: int = 0
-    """Times that the named move was made and left the level unsolvable."""
+    """Times that the named move was made and ended the episode unsolved."""
     named: dict[str, Counter[str]] = field(default_factory=dict)
     """How often each teacher named it, by action."""
     last: dict[str, str] = field(default_factory=dict)

@@ -48,6 +48,15 @@ def test_a_state_is_doubtful_by_what_cannot_all_be_right() -> None:
     assert doubts.cells() == {7: (3, 1), 9: (1, 0)}
 
 
+def test_a_move_that_was_named_and_made_and_ended_the_episode_unsolved_is_doubtful() -> None:
+    doubts = Doubts()
+    for outcome, action in (("deadlock", "UP"), ("failed", "UP"), ("failed", "DOWN"), ("cap", "UP")):
+        doubts.add(told(("ada", "UP"), action=action, outcome=outcome, next_view="gone"), 7)
+    (state,) = doubts.worst()
+    assert (state.fatal, state.score) == (2, 2)
+    assert state.reasons() == "the named move ended it unsolved 2 times"
+
+
 def test_doubtful_states_are_numbered_and_say_below_how_often_each_move_was_named() -> None:
     def pictured(*labels: tuple[str, str]) -> tuple[Indexes, tuple[Arrow, ...]]:
         doubts = Doubts()
