@@ -164,9 +164,13 @@ class Learner:
         if announce:
             self.publish_decision(live, at_ns)
         self._tell_watchers(live, at_ns, effects)
-        if live.session.deadline_ns is not None and live.session.deadline_ns != live.timer_ns:
-            live.timer_ns = live.session.deadline_ns
-            self.loop.call_at(live.session.deadline_ns, self._on_window, live)
+        self._set_timer(live, live.session.deadline_ns)
+
+    def _set_timer(self, live: LiveSession, deadline_ns: int | None) -> None:
+        """Wait for the deadline, also for one that was given up in the meantime and has come back."""
+        if deadline_ns is not None and deadline_ns != live.timer_ns:
+            self.loop.call_at(deadline_ns, self._on_window, live)
+        live.timer_ns = deadline_ns
 
     def _tell_watchers(self, live: LiveSession, at_ns: int, effects: tuple[Effect, ...]) -> None:
         for effect in effects:

@@ -31,15 +31,16 @@ class Troubles:
         self._waiting: set[str] = set()
         self._since_ns: int | None = None
         self._hinted = False
+        self._mends: set[str] = set()
+        """Reasons with a mend of their own, as they were told while it waits."""
         self._joined = False
         self._reason = "nothing was heard of it"
 
     def note(self, update: Update | None, who: str = "") -> None:
         """Take note of what came to a teacher of this name, if anything did, and of the time."""
         match update:
-            case Refused(code="conflict", reason=reason):  # the reason has the mend: no hint need be found
-                self._wait(who, reason)
-                self._hinted = True
+            case Refused(code="conflict", reason=reason):
+                self._wait(who, reason, has_mend=True)
             case Connection(connected=False, detail=reason) | Refused(reason=reason):
                 self._wait(who, reason)
             case Welcomed():
@@ -49,7 +50,7 @@ class Troubles:
                     log.warning("session %s: answer sent %d times: %s", self._session, attempts, reason)
             case _:
                 pass
-        since_ns = self._since_ns
+        since_ns = None if self._reason in self._mends else self._since_ns
         if since_ns is not None and not self._hinted and self._clock.now_ns() - since_ns >= PATIENCE_NS:
             self._hinted = True
             seconds = PATIENCE_NS // 1_000_000_000
@@ -64,10 +65,14 @@ class Troubles:
         more = "".join(f", {count} {what}" for what, count in counts.items() if count)
         log.info("session %s: %d answer%s saved%s", self._session, saved, "" if saved == 1 else "s", more)
 
-    def _wait(self, who: str, reason: str) -> None:
+    def _wait(self, who: str, reason: str, *, has_mend: bool = False) -> None:
+        """Say why it waits: the first reason, and each that says the mend, so that no hint need be found."""
         if not self._waiting:
-            log.warning("session %s: waiting, %s", self._session, reason)
             self._since_ns = self._clock.now_ns()
+        if not self._waiting or (has_mend and reason not in self._mends):
+            log.warning("session %s: waiting, %s", self._session, reason)
+        if has_mend:
+            self._mends.add(reason)
         self._waiting.add(who)
         self._reason = reason
 
@@ -77,3 +82,4 @@ class Troubles:
         if self._since_ns is not None and not self._waiting:
             log.info("session %s: joined", self._session)
             self._since_ns, self._hinted = None, False
+            self._mends.clear()

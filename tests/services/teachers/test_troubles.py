@@ -63,6 +63,27 @@ def test_who_finds_the_name_taken_is_told_the_mend_and_nothing_beside_it(
     ]
 
 
+def test_who_finds_the_name_taken_after_another_trouble_is_told_it_once_and_of_troubles_that_come_later(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    clock = ManualClock()
+    troubles = Troubles("s1", clock, lambda: "start it")
+    taken = Refused("conflict", "somebody teaches s1 as ann already", final=False)
+    gone = Connection(connected=False, detail="no learner answers")
+    with caplog.at_level("INFO", "sfid.teacher"):
+        for update in (gone, taken, gone, taken):
+            troubles.note(update)
+        clock.advance(PATIENCE_NS)
+        troubles.note(None)
+        told = list(caplog.messages)
+        troubles.note(gone)
+    assert told == [
+        "session s1: waiting, no learner answers",
+        "session s1: waiting, somebody teaches s1 as ann already",
+    ]
+    assert caplog.messages[2:] == ["session s1: nothing to teach for 10 s: start it"]
+
+
 def test_an_answer_that_is_sent_again_and_again_is_told_at_each_doubling(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
