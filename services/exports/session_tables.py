@@ -14,7 +14,11 @@ _TEACHER = Column("teacher", Kind.TEXT, "Pseudonym; erased-N stands for somebody
 _DECISION = Column("decision", Kind.WHOLE, "Number of the decision over the whole session, from 0.")
 _STEP = Column("step", Kind.WHOLE, "Step within the episode, from 0.")
 _STATE = Column("state", Kind.TEXT, "Key of the state in hex; the table states draws it.")
-_OUTCOME = Column("outcome", Kind.TEXT, "running, solved, deadlock (ended without success) or cap (cut off).")
+_OUTCOME = Column(
+    "outcome",
+    Kind.TEXT,
+    "running, solved, deadlock, failed (the world ended it without success) or cap (cut off).",
+)
 _SHA256 = Column("q_sha256", Kind.TEXT, "SHA-256 of what had been learnt, in hex.")
 
 

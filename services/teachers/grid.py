@@ -50,6 +50,11 @@ def shown(view: str, width: int, height: int) -> Text:
     return Text("\n".join(lines), no_wrap=True)
 
 
+def legend(view: str) -> str:
+    """Return what the cells of a board mean; nothing for another world's view, which says it itself."""
+    return LEGEND if is_board(view) or not view else ""
+
+
 def rows_of(view: str) -> Rows:
     """Return the cells of a view, every row as long as the longest; a glyph that is not XSB's is UNKNOWN."""
     lines = view.split("\n") if view else []

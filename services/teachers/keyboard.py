@@ -27,7 +27,7 @@ from services.outbox import Outbox, OutboxError
 from services.runtime.bus import Bus
 from services.runtime.clock import Clock, SystemClock
 from services.teachers import panel
-from services.teachers.grid import LEGEND, shown
+from services.teachers.grid import legend, shown
 from services.teachers.key_gate import CONFIRM_MS, KeyGate, Verdict
 from services.teachers.progress import Note, Progress, next_window, stretched_window
 from services.teachers.spoken import ANSWERING, ASKED, HELP, spoken
@@ -120,8 +120,8 @@ class KeyboardApp(App[int]):
         self._leaving = threading.Event()
         self._pump = threading.Thread(target=self._listen, name="client", daemon=True)
         # Held here instead of looked up: a timer may still fire when the screen is gone already.
-        self._title, self._grid, self._side, self._note, self._keys = (
-            Static(id=name) for name in ("title", "grid", "side", "note", "keys")
+        self._title, self._grid, self._side, self._legend, self._note, self._keys = (
+            Static(id=name) for name in ("title", "grid", "side", "legend", "note", "keys")
         )
         self._on_screen: OnScreen | None = None
         self._hint = Note("")
@@ -136,7 +136,7 @@ class KeyboardApp(App[int]):
         with Horizontal(id="middle"):
             yield self._grid
             yield self._side
-        yield Static(LEGEND, id="legend")
+        yield self._legend
         yield self._note
         yield self._keys
 
@@ -195,6 +195,7 @@ class KeyboardApp(App[int]):
         self._title.update(panel.title(progress, self._client.session, self._client.teacher))
         if progress.decision is not None:
             self._grid.update(shown(progress.decision.view, *self._grid_cells()))
+            self._legend.update(legend(progress.decision.view))
         self._keys.update(panel.key_line(progress.decision))
         self._draw_time()
         decision = progress.open_decision

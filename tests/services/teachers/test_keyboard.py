@@ -111,6 +111,17 @@ def test_arrows_and_letters_say_which_way_to_go(keys: tuple[str, ...], action: s
     at_terminal(play)
 
 
+def test_the_cells_are_explained_beside_a_board_and_not_beside_another_world() -> None:
+    async def play(terminal: Terminal) -> None:
+        await terminal.asked()
+        await terminal.sees("legend", "[] box")
+        await terminal.asked(decision=1, view="[S] F  F\n F  H  G")
+        await terminal.sees("grid", "[S] F  F")
+        assert terminal.line("legend") == ""
+
+    at_terminal(play)
+
+
 def test_praise_blame_and_nothing_to_say_where_a_reward_is_asked() -> None:
     keys = ("plus", "equals_sign", "p", "minus", "b", "space")
 
