@@ -112,6 +112,12 @@ def test_an_answer_to_a_decision_that_took_the_last_step_back_is_superseded() ->
     assert (session.decision, session.learner.values(STATES[0])) == (1, (0.0,) * 4)
 
 
+def test_a_label_after_an_abstention_replaces_nothing_that_was_counted() -> None:
+    session = asked(teachers=("ann", "bob"))
+    play(session, [(1, abstention("ann")), (2, label("ann", 1, number=2))])
+    assert tallied(session) == counted(submitted=1, acknowledged=1, pending=1)
+
+
 def test_an_abstention_takes_an_earlier_label_back() -> None:
     session = asked(window=FULL)
     play(session, [(1, label("ann", 0)), (2, abstention("ann", number=2)), (1000, WindowElapsed())])
