@@ -90,29 +90,21 @@ def test_plain_q_learning_runs_by_itself_to_the_table_of_the_plain_loop(room: Cl
     assert measures(room) == batch_measures(room, result)
 
 
-def test_a_window_that_was_opened_without_end_and_shut_again_runs_out(room: Classroom) -> None:
-    early, endless = WindowSpec(mode="early", span_ms=100), WindowSpec(mode="until-answered", span_ms=100)
+@pytest.mark.parametrize(
+    "between",
+    [WindowSpec(mode="until-answered", span_ms=100), WindowSpec(mode="early", span_ms=1_000)],
+    ids=["without end", "longer"],
+)
+def test_a_window_that_was_changed_and_is_as_it_was_runs_out(room: Classroom, between: WindowSpec) -> None:
+    early = WindowSpec(mode="early", span_ms=100)
     room.create(session(window=early))
     ann = Pupil(room, "ann")
     ann.join()
     decision = room.decision.decision
-    ann.control("window", endless)
+    ann.control("window", between)
     room.pass_time(150)
     assert room.decision.decision == decision
     ann.control("window", early)
-    room.pass_time(1)
-    assert room.decision.decision == decision + 1
-
-
-def test_a_window_that_was_lengthened_and_shortened_again_runs_out(room: Classroom) -> None:
-    short, long = WindowSpec(mode="full", span_ms=100), WindowSpec(mode="full", span_ms=1_000)
-    room.create(session(window=short))
-    ann = Pupil(room, "ann")
-    ann.join()
-    decision = room.decision.decision
-    ann.control("window", long)
-    room.pass_time(150)
-    ann.control("window", short)
     room.pass_time(1)
     assert room.decision.decision == decision + 1
 
