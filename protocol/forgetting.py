@@ -107,7 +107,7 @@ def _who(record: Record) -> str | None:
         match event:
             case TeacherJoined(name) | TeacherLeft(name) | Paused(name) | Resumed(name) | Stopped(name):
                 return name
-            case WindowChanged(name, _):
+            case WindowChanged(name):
                 return name
     return None
 
@@ -196,7 +196,7 @@ class _Forgetting:
         ((_, event),) = events_of(record, self._numbers)
         name = self._nameless
         another: Event = (
-            WindowChanged(name, event.window) if isinstance(event, WindowChanged) else type(event)(name)  # type: ignore[call-arg, arg-type]
+            replace(event, by=name) if isinstance(event, WindowChanged) else type(event)(name)  # type: ignore[call-arg, arg-type]
         )
         return event_body(another)[1]
 

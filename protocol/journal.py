@@ -86,6 +86,14 @@ class _FollowedStepRow(_StepRow, array_like=True, forbid_unknown_fields=True, gc
     undone: Distance
 
 
+class _WindowRow(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
+    by: Name
+    mode: str
+    span_ms: int
+    quorum: int
+    afresh: bool = False
+
+
 _CODES = {code.value: code for code in AnswerCode}
 _OUTCOMES = {outcome.value: outcome for outcome in Outcome}
 
@@ -133,8 +141,9 @@ def event_body(event: Event) -> tuple[Kind, bytes]:
             return Kind.ELAPSED, b""
         case EpisodeBegan(episode, state, view, optimal_steps):
             return Kind.BEGAN, pack([episode, state, view, optimal_steps])
-        case WindowChanged(by, window):
-            return Kind.WINDOW, pack([by, window.mode.value, window.span_ms, window.quorum])
+        case WindowChanged(by, window, afresh):
+            fields = [by, window.mode.value, window.span_ms, window.quorum]
+            return Kind.WINDOW, pack([*fields, True] if afresh else fields)
         case TeacherJoined(value) | TeacherLeft(value) | Paused(value) | Resumed(value) | Stopped(value):
             return _KIND_OF[type(event)], pack(value)
         case Restarted(epoch):
@@ -298,8 +307,8 @@ def _small_event(kind: Kind, body: bytes) -> Event:
     if kind is Kind.BEGAN:
         return EpisodeBegan(*_read(kind.value, body, tuple[Count, StateKey, View, Count | None]))
     if kind is Kind.WINDOW:
-        by, mode, span_ms, quorum = _read(kind.value, body, tuple[Name, str, int, int])
-        return WindowChanged(by, Window(WindowMode(mode), span_ms, quorum))
+        row = _read(kind.value, body, _WindowRow)
+        return WindowChanged(row.by, Window(WindowMode(row.mode), row.span_ms, row.quorum), row.afresh)
     if kind is Kind.RESTARTED:
         return Restarted(_read(kind.value, body, Count))
     return _BY_NAME[kind](_read(kind.value, body, Name))

@@ -13,6 +13,7 @@ from protocol.translate import UnknownAction, answer_given, check_posterior, epi
 from services.runtime.front_desk import DeskSettings, FrontDesk, Refused
 from services.runtime.log_config import about
 from sfid_core.session.admission import NOT_OPEN_YET, why_rejected
+from sfid_core.session.config import WindowMode
 from sfid_core.session.effects import Acknowledge, AnswerCode, Ignored
 from sfid_core.session.events import (
     AnswerGiven,
@@ -131,14 +132,15 @@ class Reception:
                 )
             live.known.add(message.teacher)
             learner.happen(live, TeacherJoined(message.teacher))
-            learner.expect_token(live, message.teacher)
             log.info(
                 "session %s: teacher %s joined (%s)",
                 live.name,
                 message.teacher,
                 printable(message.client) or "client unnamed",
             )
-        self.desk.has_joined(message)
+        if not finished:
+            self.desk.has_joined(message)
+            learner.expect_token(live, message.teacher)
         at_ns = learner.loop.at_ns()
         first = max(0, len(session.episodes) - EPISODES_SHOWN)
         latest = session.episodes.ended(first, EPISODES_SHOWN)
@@ -161,7 +163,7 @@ class Reception:
                 raise Refused("denied", f"join session {live.name} before you change it")
             if message.verb == "stop" and message.teacher != OPERATOR:
                 raise Refused("denied", "only the operator stops a session: `sfid session stop`")
-            effects = self._learner.happen(live, _event_of(message))
+            effects = self._learner.happen(live, _event_of(message, live))
             ignored = next((effect.reason for effect in effects if isinstance(effect, Ignored)), "")
             self._learner.loop.reply_durably(request, Done(ok=not ignored, reason=ignored))
         except (DecodeError, KeyNameError, Refused) as error:
@@ -190,11 +192,12 @@ def _comes_again(live: LiveSession, message: Answer, event: AnswerGiven) -> bool
     return former and why_rejected(live.session, event) == NOT_OPEN_YET
 
 
-def _event_of(message: Control) -> Event:
+def _event_of(message: Control, live: LiveSession) -> Event:
     if message.verb == "window":
         if message.window is None:
             raise Refused("invalid", "a change of the window gives the window: mode, span_ms, quorum")
-        return WindowChanged(message.teacher, window_of(message.window))
+        afresh = live.session.window.mode is WindowMode.UNTIL_ANSWERED
+        return WindowChanged(message.teacher, window_of(message.window), afresh)
     events: dict[str, type[Paused | Resumed | Stopped]] = {
         "pause": Paused,
         "resume": Resumed,

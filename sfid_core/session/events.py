@@ -73,6 +73,9 @@ class WindowChanged:
 
     by: str
     window: Window
+    afresh: bool = False
+    """Whether an open window has its whole span from now: what passed while it had no end does not count.
+    Not so in journals of before."""
 
 
 @record

@@ -149,7 +149,7 @@ def _ask(session: Session, at_ns: int) -> Effects:
     """Open the window of the decision for its whole span."""
     session.phase = ASKING
     session.asked_at_ns = at_ns
-    session.elapsed_ns = 0
+    session.elapsed_ns = session.uncounted_ns = 0
     _set_deadline(session, at_ns)
     return ANNOUNCED
 
@@ -157,7 +157,8 @@ def _ask(session: Session, at_ns: int) -> Effects:
 def _set_deadline(session: Session, at_ns: int) -> None:
     """Let the window, of which `elapsed_ns` have passed, run on from now."""
     endless = session.window.mode is UNTIL_ANSWERED
-    deadline_ns = None if endless else at_ns + session.window.span_ms * 1_000_000 - session.elapsed_ns
+    passed_ns = session.elapsed_ns - session.uncounted_ns
+    deadline_ns = None if endless else at_ns + session.window.span_ms * 1_000_000 - passed_ns
     session.deadline_ns = None if session.paused else deadline_ns
     session.deadlines.note(session.decision, deadline_ns)
 
@@ -331,6 +332,8 @@ def _window(session: Session, at_ns: int, event: WindowChanged) -> Effects:
         return ANNOUNCED
     if not session.paused:
         session.elapsed_ns = at_ns - session.asked_at_ns
+    if event.afresh:
+        session.uncounted_ns = session.elapsed_ns
     _set_deadline(session, at_ns)
     return (ANNOUNCE, *_close_if_answered(session, at_ns))
 

@@ -72,6 +72,8 @@ class Session:
     """When the shell must send WindowElapsed; None means no timer is wanted."""
     elapsed_ns: int = 0
     """How much of the window had passed when the pause began."""
+    uncounted_ns: int = 0
+    """How much of that had passed when its span began to count anew."""
     answers: dict[str, Given] = field(default_factory=dict)
     """The answers of the open window by teacher; the last one of each counts."""
     given: tuple[tuple[str, Answer], ...] = ()

@@ -66,6 +66,7 @@ def answer(**changes: object) -> Answer:
         EpisodeBegan(0, STATE, "#@#", 11),
         WindowElapsed(),
         WindowChanged("ann", Window(WindowMode.FULL, 2_500, 3)),
+        WindowChanged("ann", Window(WindowMode.FULL, 2_500, 3), afresh=True),
         Paused("operator"),
         Resumed("ann"),
         Stopped("operator"),

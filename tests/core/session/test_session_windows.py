@@ -167,6 +167,25 @@ def test_a_patient_window_that_becomes_an_early_one_counts_from_its_opening() ->
     assert deadline_ms(session) == 1000
 
 
+def test_a_window_without_an_end_that_is_given_one_has_its_whole_span_from_then_on() -> None:
+    session = asked(window=PATIENT)
+    play(session, [(60_000, WindowChanged("ann", EARLY, afresh=True))])
+    assert deadline_ms(session) == 61_000
+    play(session, [(60_400, WindowChanged("ann", Window(WindowMode.FULL, 3000)))])
+    assert deadline_ms(session) == 63_000
+    play(session, [(60_500, Paused("ann")), (90_000, Resumed("ann"))])
+    assert deadline_ms(session) == 92_500
+    play(session, [(92_500, WindowElapsed()), (92_510, taken())])
+    assert deadline_ms(session) == 92_510 + 3000
+
+
+def test_a_window_without_an_end_that_is_given_one_in_a_pause_has_its_whole_span_after_it() -> None:
+    session = asked(window=PATIENT)
+    play(session, [(700, Paused("ann")), (800, WindowChanged("ann", EARLY, afresh=True))])
+    play(session, [(5000, Resumed("ann"))])
+    assert deadline_ms(session) == 6000
+
+
 def test_a_full_window_that_becomes_an_early_one_closes_when_everyone_has_answered() -> None:
     session = asked(window=FULL)
     agent = session.action

@@ -91,11 +91,16 @@ def test_plain_q_learning_runs_by_itself_to_the_table_of_the_plain_loop(room: Cl
 
 
 @pytest.mark.parametrize(
-    "between",
-    [WindowSpec(mode="until-answered", span_ms=100), WindowSpec(mode="early", span_ms=1_000)],
-    ids=["without end", "longer"],
+    "between, closed",
+    [
+        (WindowSpec(mode="until-answered", span_ms=100), (0, 0, 1)),
+        (WindowSpec(mode="early", span_ms=1_000), (1, 1, 2)),
+    ],
+    ids=["without end, so it has its whole span again", "longer, so it was over"],
 )
-def test_a_window_that_was_changed_and_is_as_it_was_runs_out(room: Classroom, between: WindowSpec) -> None:
+def test_a_window_that_was_changed_and_is_as_it_was_runs_out(
+    room: Classroom, between: WindowSpec, closed: tuple[int, ...]
+) -> None:
     early = WindowSpec(mode="early", span_ms=100)
     room.create(session(window=early))
     ann = Pupil(room, "ann")
@@ -105,8 +110,9 @@ def test_a_window_that_was_changed_and_is_as_it_was_runs_out(room: Classroom, be
     room.pass_time(150)
     assert room.decision.decision == decision
     ann.control("window", early)
-    room.pass_time(1)
-    assert room.decision.decision == decision + 1
+    for milliseconds, count in zip((0, 99, 1), closed, strict=True):
+        room.pass_time(milliseconds)
+        assert room.decision.decision == decision + count
 
 
 def conserved(labels: LabelTotals) -> bool:

@@ -10,7 +10,7 @@ import pytest
 from protocol.codec import decode
 from protocol.crowd_forget import corrected_answers
 from protocol.journal import Record, read_answer_body
-from protocol.messages import Answer
+from protocol.messages import Answer, WindowSpec
 from services.operations.forget import Forgetting, forget
 from services.replay import replay_crowds, replay_directory
 from services.runtime.clock import SystemClock
@@ -253,3 +253,21 @@ def test_a_step_that_was_not_taken_back_is_not_taken_back_without_somebody_eithe
     assert (before.matches, after.matches, found.answers > 50) == (True, True, True)
     assert after.erased == found.answers
     assert verify(room.data_dir).ok
+
+
+def test_a_window_that_somebody_ended_is_as_long_without_them(tmp_path: Path) -> None:
+    """What came after the window closed, and before its deadline, is superseded still, and not late."""
+    room = Classroom(tmp_path / "data")
+    room.create(session(window=WindowSpec(mode="until-answered", span_ms=100, quorum=1), teachers_min=3))
+    pupils = [Pupil(room, name) for name in (PERSON, OTHER, "bob")]
+    for pupil in pupils:
+        pupil.join()
+    room.pass_time(500)
+    pupils[0].control("window", WindowSpec(mode="early", span_ms=100, quorum=1))
+    decision = room.decision
+    codes = [pupil.label(decision, "UP").code for pupil in pupils[1:]]
+    assert codes == ["accepted", "superseded"]
+    room.shard.close()
+    forgotten(room.data_dir)
+    assert holding(room.data_dir, PERSON.encode()) == []
+    assert replay_directory(room.data_dir)[0].matches
