@@ -5,7 +5,7 @@ sfid/v1/<deployment>/session/<session>/measures                  put     learner
 sfid/v1/<deployment>/session/<session>/join/<teacher>            query   teacher -> learner
 sfid/v1/<deployment>/session/<session>/answer/<teacher>          query   teacher -> learner
 sfid/v1/<deployment>/session/<session>/control/<teacher>         query   teacher -> learner
-sfid/v1/<deployment>/session/<session>/present/<teacher>         token   teacher -> learner
+sfid/v1/<deployment>/session/<session>/present/<teacher>[/<run>] token   teacher -> learner
 sfid/v1/<deployment>/session/<session>/crowd/<aggregator>        put     aggregator -> monitor
 sfid/v1/<deployment>/learner/<verb>                              query   anybody  -> learner
 sfid/v1/<deployment>/environment/<verb>                          query   learner -> environment
@@ -24,7 +24,7 @@ terminal."""
 NAME_MEND = "use 1 to 48 of a-z, 0-9, - and _, beginning with a letter or digit"
 
 
-_OF_A_TEACHER = frozenset({"join", "answer", "control", "present"})
+_OF_A_TEACHER = frozenset({"join", "answer", "control"})
 
 
 class KeyNameError(ValueError):
@@ -78,9 +78,14 @@ class Keys:
         """Where a teacher changes the window, pauses, resumes or stops."""
         return f"{self.root}/session/{session}/control/{teacher}"
 
-    def present(self, session: str = "*", teacher: str = "*") -> str:
-        """A teacher's liveliness token."""
-        return f"{self.root}/session/{session}/present/{teacher}"
+    def present(self, session: str, teacher: str, run: str = "") -> str:
+        """A teacher's liveliness token, with what tells this start of their program from others."""
+        key = f"{self.root}/session/{session}/present/{teacher}"
+        return f"{key}/{run}" if run else key
+
+    def presences(self, session: str = "*") -> str:
+        """The tokens of all teachers."""
+        return f"{self.root}/session/{session}/present/*/**"
 
     def crowd(self, session: str = "*", aggregator: str = "*") -> str:
         """Where an aggregator publishes what its crowd came to, and how reliable its workers are."""
@@ -111,8 +116,17 @@ class Keys:
         return checked(parts[1], "role"), checked(parts[2], "service")
 
     def session_and_teacher(self, key: str) -> tuple[str, str]:
-        """Return (session, teacher) of a join, answer, control or present key; KeyNameError for any other."""
+        """Return (session, teacher) of a join, answer or control key; KeyNameError for any other."""
         return _session_and_teacher(self.root, key)
+
+    def presence(self, key: str) -> tuple[str, str, str]:
+        """Return (session, teacher, run) of a teacher's token, run empty for none; KeyNameError otherwise."""
+        parts = key.removeprefix(self.root + "/").split("/")
+        if len(parts) not in {4, 5} or parts[0] != "session" or parts[2] != "present":
+            message = f"key {key[:120]!r} names no teacher's token"
+            raise KeyNameError(message)
+        run = checked(parts[4], "run") if len(parts) == 5 else ""
+        return checked(parts[1], "session"), checked(parts[3], "teacher"), run
 
 
 @lru_cache(8192)  # a teacher answers on one key for ever

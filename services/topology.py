@@ -82,8 +82,8 @@ def _aggregator(keys: Keys, crowd: Keys) -> Node:
             *(keys.join(), keys.answer(), keys.status("aggregator")),
             *(keys.learner(verb) for verb in about),
         ),
-        announces=(keys.present(), keys.service("aggregator")),
-        watches=(crowd.present(),),
+        announces=(keys.presences(), keys.service("aggregator")),
+        watches=(crowd.presences(),),
     )
 
 
@@ -105,7 +105,7 @@ def _services(keys: Keys) -> tuple[Node, ...]:
             serves=(keys.answer(), keys.join(), keys.control(), *sessions, keys.status("learner")),
             asks=(*worlds, keys.status("learner")),
             announces=(keys.service("learner"),),
-            watches=(keys.present(), keys.service("learner")),
+            watches=(keys.presences(), keys.service("learner")),
         ),
     )
 
@@ -118,14 +118,14 @@ def _people(keys: Keys, crowd: Keys) -> tuple[Node, ...]:
             subscribes=_news(keys),
             asks=(keys.join(), keys.answer(), keys.control()),
             asks_not=(keys.control(teacher=OPERATOR),),
-            announces=(keys.present(),),
+            announces=(keys.presences(),),
         ),
         Node(
             Role.WORKER,
             "a member of the crowd: sees its aggregator's decisions and answers them",
             subscribes=_news(crowd),
             asks=(crowd.join(), crowd.answer()),
-            announces=(crowd.present(),),
+            announces=(crowd.presences(),),
         ),
         Node(
             Role.OPERATOR,
@@ -165,9 +165,9 @@ def _programs(keys: Keys, crowd: Keys) -> tuple[Node, ...]:
                 *(crowd.join(), crowd.answer(), crowd.status("gateway")),
             ),
             announces=(
-                keys.present(),
+                keys.presences(),
                 keys.service("gateway"),
-                crowd.present(),
+                crowd.presences(),
                 crowd.service("gateway"),
             ),
         ),
@@ -183,7 +183,7 @@ def _programs(keys: Keys, crowd: Keys) -> tuple[Node, ...]:
                 keys.status("gateway"),
             ),
             serves=(keys.status("gateway"),),
-            announces=(keys.present(), keys.service("gateway")),
+            announces=(keys.presences(), keys.service("gateway")),
         ),
     )
 

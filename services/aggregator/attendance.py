@@ -21,25 +21,26 @@ class Attendance:
 
     def __init__(self, aggregator: Aggregator) -> None:
         self._aggregator = aggregator
-        self._present: set[tuple[str, str]] = set()
 
     def on_presence(self, presence: Presence) -> None:
         """Count in who comes back, and out who is gone."""
         aggregator = self._aggregator
         try:
-            session, worker = aggregator.keys.session_and_teacher(presence.key)
+            session, worker, run = aggregator.keys.presence(presence.key)
         except KeyNameError:  # anybody may announce anything
             return
-        live = aggregator.crowds.get(session)
+        live, roll, place = aggregator.crowds.get(session), aggregator.reception.desk.roll, (session, worker)
         if presence.present:
-            self._present.add((session, worker))
+            counts = roll.show(place, run)
+            if live is None or not counts:
+                return
             # Anybody may announce anything: where tokens are required, whoever comes back joins with theirs.
-            if live is not None and not aggregator.config.require_tokens and _comes_back(live, worker):
+            if not aggregator.config.require_tokens and _comes_back(live, worker):
                 aggregator.happen(live, MemberJoined(worker))
+            if run and _is_member(live, worker):
+                roll.let_in(place, run)
             return
-        self._present.discard((session, worker))
-        aggregator.reception.desk.has_left(session, worker)
-        if live is not None and _is_member(live, worker):
+        if roll.take_back(place, run) and live is not None and _is_member(live, worker):
             aggregator.happen(live, MemberLeft(worker))
 
     def expect(self, live: LiveCrowd, worker: str) -> None:
@@ -72,7 +73,9 @@ class Attendance:
         aggregator.loop.call_later(aggregator.config.members_gone_ms, self._mark_gone, places)
 
     def _mark_gone(self, expected: Places) -> None:
-        for name, worker in sorted(expected - self._aggregator.reception.desk.proved(self._present)):
+        desk = self._aggregator.reception.desk
+        for name, worker in sorted(place for place in expected if not desk.is_here(place)):
+            desk.roll.forget((name, worker))
             live = self._aggregator.crowds.get(name)
             if live is not None and _is_member(live, worker):
                 self._aggregator.happen(live, MemberLeft(worker))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING
 
-from protocol.codec import DecodeError, decode, encode, printable
+from protocol.codec import DecodeError, decode, printable
 from protocol.crowd_journal import CrowdKind, answered_event
 from protocol.journal import answer_body, read_answer_body, without_token
 from protocol.keys import KeyNameError
-from protocol.messages import Answer, Control, Join, Refusal, Welcome
+from protocol.messages import Answer, Control, Decision, Join, Welcome
 from protocol.translate import UnknownAction, check_posterior
 from services.runtime.front_desk import DeskSettings, FrontDesk, Refused
 from sfid_core.crowd.round import Acknowledged, Crowd, MemberJoined, advance
@@ -43,8 +43,6 @@ class Reception:
             message = decode(request.payload, Join)
             live = self._whose(request.key, message, new=True)
             if live.crowd is not None and live.decision is not None:
-                if message.teacher in live.crowd.members and not live.finished:
-                    self.desk.check_alone(message)
                 self.welcome(live, message, request)
             elif len(live.waiting) < WAITING_MAX or message.teacher in live.waiting:
                 live.waiting[message.teacher] = (message, request)
@@ -56,27 +54,37 @@ class Reception:
             self.desk.refuse(request, error)
 
     def welcome(self, live: LiveCrowd, message: Join, request: Request) -> None:
-        """Tell a worker where the session stands, and count them in."""
-        aggregator, crowd = self._aggregator, live.crowd
-        if crowd is None or live.decision is None:
-            return  # the request falls, and the worker asks again
+        """Tell a worker where the session stands, and count them in; or why not."""
+        try:
+            if live.crowd is not None and live.decision is not None:
+                self._welcome(live, live.crowd, live.decision, message, request)
+            # Else the request falls, and the worker asks again.
+        except Refused as error:
+            self.desk.refuse(request, error)
+
+    def _welcome(
+        self, live: LiveCrowd, crowd: Crowd, decision: Decision, message: Join, request: Request
+    ) -> None:
+        aggregator = self._aggregator
         if live.finished:  # who comes then may still hold answers
             live.known.add(message.teacher)
-        elif message.teacher not in crowd.members:
+        elif message.teacher in crowd.members:
+            self.desk.check_alone(message)
+        else:
             if len(crowd.members) >= aggregator.config.members_max:
                 full = f"the crowd of session {live.name} has {len(crowd.members)} members: join another"
-                request.reply_error(encode(Refusal(code="busy", reason=full)))
-                return
+                raise Refused("busy", full)
             aggregator.happen(live, MemberJoined(message.teacher))
-            aggregator.attendance.expect(live, message.teacher)
             log.info("session %s: %s joined the crowd (%s)", live.name, message.teacher,
                      printable(message.client) or "client unnamed")  # fmt: skip
-        self.desk.has_joined(message)
+        if not live.finished:
+            self.desk.has_joined(message)
+            aggregator.attendance.expect(live, message.teacher)
         reply = Welcome(
             session=live.name,
             epoch=aggregator.shard.epoch,
             rights=() if live.finished else ("answer",),
-            decision=aggregator.shown(live, live.decision),
+            decision=aggregator.shown(live, decision),
             episodes=tuple(live.episodes),
             check_key=self.desk.check_key(message),
         )

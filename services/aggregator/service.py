@@ -111,7 +111,7 @@ class Aggregator:
     def _declare(self) -> None:
         keys, receiver = self.keys, self.loop.receiver
         self.bus.watch(
-            keys.present(), lambda presence: self.loop.enqueue(self.attendance.on_presence, presence)
+            keys.presences(), lambda presence: self.loop.enqueue(self.attendance.on_presence, presence)
         )
         self.bus.serve(keys.answer(), receiver(self.reception.on_answer))
         self.bus.serve(keys.join(), receiver(self.reception.on_join))

@@ -102,7 +102,7 @@ class Client:
         self._join_due_ns: int | None = None
         self._join_attempts = self._heard_ns = 0
         self._missed = self._closed = self._denied = False
-        self._presence = OwnPresence(bus, keys.present(self.session, self.teacher), chance)
+        self._presence = OwnPresence(bus, partial(keys.present, self.session, self.teacher), chance)
         self._wants_measures, self._watches_measures = measures, False
 
     def __enter__(self) -> Self:

@@ -4,20 +4,22 @@ from collections.abc import Callable
 from random import Random
 
 from services.runtime.bus import Bus
+from services.runtime.roll import RUN_MARK
 
 
 class OwnPresence:
     """The presence of one teacher, from `show` to `hide`; neither does anything twice.
 
-    Args: chance: draws what tells this run of the program from others.
+    Args: key_of: the token's key for a run.  chance: draws what tells this run of the program from others.
     """
 
-    def __init__(self, bus: Bus, key: str, chance: Random) -> None:
-        self.program = f"services.client#{chance.randbytes(4).hex()}"
+    def __init__(self, bus: Bus, key_of: Callable[[str], str], chance: Random) -> None:
+        run = chance.randbytes(4).hex()
+        self.program = f"services.client{RUN_MARK}{run}"
         """What it calls itself when it joins: by this the learner tells it from others of the name."""
         self.hidden = False
         """Whether somebody else is there under the name, so that this teacher is not asked."""
-        self._bus, self._key = bus, key
+        self._bus, self._key = bus, key_of(run)
         self._withdraw: Callable[[], None] | None = None
         self._ended = False
 
@@ -28,11 +30,7 @@ class OwnPresence:
             self._withdraw = self._bus.announce(self._key)
 
     def hide(self) -> None:
-        """Say so no longer.
-
-        The learner sees somebody gone when nobody of the name is announced: whoever waits for the end of a
-        former life of their own must not be.
-        """
+        """Say so no longer: a learner that starts anew takes whoever is announced for whoever taught."""
         self.hidden = True
         withdraw, self._withdraw = self._withdraw, None
         if withdraw is not None:

@@ -31,7 +31,7 @@ class Doors:
         learner = self._learner
         keys, bus, reception = learner.keys, learner.bus, learner.reception
         enqueue_presence = partial(learner.loop.enqueue, learner.on_presence)
-        self._open.append(bus.watch(keys.present(), enqueue_presence))
+        self._open.append(bus.watch(keys.presences(), enqueue_presence))
         if self._alone:
             self._serve(keys.answer(), reception.on_answer)
         else:

@@ -53,7 +53,6 @@ class Learner:
         self.sessions: dict[str, LiveSession] = {}
         settings = LoopSettings("learner", config.inbox_max, config.waiting_max, config.commit_every_ms)
         self.loop = DurableLoop(shard, clock, settings)
-        self._present: set[tuple[str, str]] = set()
         self.world = WorldDesk(self)
         self.reception = Reception(self)
         self.office = Office(self)
@@ -214,21 +213,23 @@ class Learner:
     def on_presence(self, presence: Presence) -> None:
         """Note that somebody has come, or is gone."""
         try:
-            session, teacher = self.keys.session_and_teacher(presence.key)
+            session, teacher, run = self.keys.presence(presence.key)
         except KeyNameError:  # anybody may announce anything
             return
         if not self.owns(session):
             return
-        live = self.sessions.get(session)
+        live, roll, place = self.sessions.get(session), self.reception.desk.roll, (session, teacher)
         if presence.present:
-            self._present.add((session, teacher))
-            if live is not None and self._comes_back(live, teacher):
+            counts = roll.show(place, run)
+            if live is None or not counts:
+                return
+            if self._comes_back(live, teacher):
                 self.happen(live, TeacherJoined(teacher))
                 log.info("session %s: teacher %s is back", session, teacher)
+            if run and teacher in live.session.teachers:
+                roll.let_in(place, run)
             return
-        self._present.discard((session, teacher))
-        self.reception.desk.has_left(session, teacher)
-        if live is not None and teacher in live.session.teachers:
+        if roll.take_back(place, run) and live is not None and teacher in live.session.teachers:
             self.happen(live, TeacherLeft(teacher))
             log.info("session %s: teacher %s is gone", session, teacher)
 
@@ -246,7 +247,9 @@ class Learner:
 
     def _mark_gone(self, expected: frozenset[tuple[str, str]]) -> None:
         """Let those go whose tokens are not there."""
-        for name, teacher in sorted(expected - self.reception.desk.proved(self._present)):
+        desk = self.reception.desk
+        for name, teacher in sorted(place for place in expected if not desk.is_here(place)):
+            desk.roll.forget((name, teacher))
             live = self.sessions[name]
             if teacher in live.session.teachers and live.session.phase is not Phase.FINISHED:
                 self.happen(live, TeacherLeft(teacher))

@@ -5,7 +5,7 @@ Learner and aggregator have one each; what an answer means is their own.
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -18,14 +18,13 @@ from protocol.translate import UnknownAction
 from services.runtime.bus import Request
 from services.runtime.doorkeeper import Doorkeeper, reason_of
 from services.runtime.durable_loop import DurableLoop
+from services.runtime.roll import Place, Roll, run_of
 from sfid_core.session.effects import AnswerCode
 
 NOBODY = ("-", "-")
 """Session and sender where the key names none, or there are too many to count each."""
 SENDERS_MAX = 10_000
 """Senders whose unreadable messages are counted one by one: names cost an attacker nothing."""
-RUN_MARK = "#"
-"""In what a program calls itself, between its name and what no other run of it has."""
 LET_GO_MS = 1_000
 """How soon nobody waits any longer for whoever was sent away."""
 RefusalCode = Literal["malformed", "unknown-session", "denied", "busy", "not-durable", "conflict", "invalid"]
@@ -65,8 +64,8 @@ class FrontDesk:
         """Unreadable messages by (session, sender)."""
         self.invalid: Counter[tuple[str, str]] = Counter()
         """Messages that can be read and say nothing possible, such as an action that there is not."""
-        self._programs: dict[tuple[str, str], str] = {}
-        """By (session, teacher), the program at which somebody teaches who is here."""
+        self.roll = Roll(one_each=self.door is None)
+        """Whoever comes with a token has proved to be the same person, who may sit at two screens."""
 
     def admit(self, key: str, message: Join | Answer | Control, *, unproved: bool = False) -> None:
         """Let a message in whose key names its session and sender, who is proved where tokens are required.
@@ -82,14 +81,8 @@ class FrontDesk:
             raise Refused("denied", reason_of(fault))
 
     def check_alone(self, message: Join) -> None:
-        """Refuse a second one of a name that is here; raises Refused.
-
-        Only who says which run of a program it is can be told from another; whoever comes with a token has
-        proved to be the same person, who may sit at two screens.
-        """
-        before = self._programs.get((message.session, message.teacher), "")
-        runs = RUN_MARK in before and RUN_MARK in message.client
-        if self.door is None and runs and before != message.client:
+        """Refuse a second one of a name that is here; raises Refused."""
+        if self.roll.has_let_in_another((message.session, message.teacher), run_of(message.client)):
             raise Refused(
                 "conflict",
                 f"somebody teaches {message.session} as {message.teacher} already: choose another --name, "
@@ -97,12 +90,8 @@ class FrontDesk:
             )
 
     def has_joined(self, message: Join) -> None:
-        """Remember at which program somebody teaches."""
-        self._programs[message.session, message.teacher] = message.client
-
-    def has_left(self, session: str, teacher: str) -> None:
-        """Forget at which program somebody taught who is gone."""
-        self._programs.pop((session, teacher), None)
+        """Remember by which run of a program somebody teaches."""
+        self.roll.let_in((message.session, message.teacher), run_of(message.client))
 
     def let_go(self, leave: Callable[[str, str], None]) -> None:
         """Call `leave` with session and name of everybody whose token is no longer good, from now on.
@@ -114,10 +103,9 @@ class FrontDesk:
                 leave(session, name)
             self._loop.call_later(LET_GO_MS, self.let_go, leave)
 
-    def proved(self, places: Collection[tuple[str, str]]) -> set[tuple[str, str]]:
-        """Return those of (session, name) that count as present: anybody may announce anybody."""
-        door = self.door
-        return set(places) if door is None else {place for place in places if door.has_let_in(*place)}
+    def is_here(self, place: Place) -> bool:
+        """Tell whether somebody counts as present: anybody may announce anybody."""
+        return self.roll.is_here(place) and (self.door is None or self.door.has_let_in(*place))
 
     def check_key(self, message: Join | Answer) -> bytes | None:
         """Return what keys the checks for this person; None where checks have no key."""

@@ -36,7 +36,7 @@ REFUSED = [
     "%2f",
 ]
 KEYS = Keys("lab-2")
-TEACHER_KEYS = [KEYS.join, KEYS.answer, KEYS.control, KEYS.present]
+TEACHER_KEYS = [KEYS.join, KEYS.answer, KEYS.control]
 
 
 @pytest.mark.parametrize("name", REFUSED)
@@ -72,6 +72,7 @@ def test_session_and_teacher_come_back_from_every_key_that_names_them(key_of: ob
         KEYS.measures("s1"),
         KEYS.learner("create"),
         KEYS.environment("begin"),
+        KEYS.present("s1", "ann"),
         KEYS.service("learner", "shard-0"),
         KEYS.answer("s1", "*"),
         KEYS.answer("*", "ann"),
@@ -87,6 +88,30 @@ def test_any_other_key_names_no_session_and_teacher(key: str) -> None:
         KEYS.session_and_teacher(key)
 
 
+@pytest.mark.parametrize("run", ["", "8f0a51c2"])
+def test_who_is_present_comes_back_from_their_token(run: str) -> None:
+    assert KEYS.presence(KEYS.present("s1", "ann", run)) == ("s1", "ann", run)
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        KEYS.answer("s1", "ann"),
+        KEYS.present("s1", "ann", "Run"),
+        KEYS.present("s1", "ann", "a" * 49),
+        KEYS.present("s1", "ann", "1/2"),
+        KEYS.present("s1", "ann") + "/",
+        KEYS.present("s1", "Ann"),
+        KEYS.present("S1", "ann", "1"),
+        KEYS.presences(),
+        Keys("other").present("s1", "ann"),
+    ],
+)
+def test_any_other_key_is_nobodys_token(key: str) -> None:
+    with pytest.raises(KeyNameError):
+        KEYS.presence(key)
+
+
 def test_the_keys_of_a_deployment() -> None:
     root = "sfid/v1/lab-2"
     assert [
@@ -96,6 +121,7 @@ def test_the_keys_of_a_deployment() -> None:
         KEYS.answer("s1", "ann"),
         KEYS.control("s1", "ann"),
         KEYS.present("s1", "ann"),
+        KEYS.present("s1", "ann", "8f0a51c2"),
         KEYS.learner("create"),
         KEYS.environment("begin"),
         KEYS.service("learner", "shard-0"),
@@ -106,6 +132,7 @@ def test_the_keys_of_a_deployment() -> None:
         f"{root}/session/s1/answer/ann",
         f"{root}/session/s1/control/ann",
         f"{root}/session/s1/present/ann",
+        f"{root}/session/s1/present/ann/8f0a51c2",
         f"{root}/learner/create",
         f"{root}/environment/begin",
         f"{root}/service/learner/shard-0",
@@ -116,6 +143,7 @@ def test_without_names_a_key_matches_all_sessions_and_teachers() -> None:
     assert KEYS.answer() == "sfid/v1/lab-2/session/*/answer/*"
     assert KEYS.decision() == "sfid/v1/lab-2/session/*/decision"
     assert KEYS.service() == "sfid/v1/lab-2/service/*/*"
+    assert KEYS.presences() == "sfid/v1/lab-2/session/*/present/*/**"
 
 
 def test_two_deployments_share_no_key() -> None:

@@ -33,7 +33,7 @@ def test_the_keys_are_those_of_the_code() -> None:
         keys.join("<session>", "<teacher>"),
         keys.answer("<session>", "<teacher>"),
         keys.control("<session>", "<teacher>"),
-        keys.present("<session>", "<teacher>"),
+        keys.present("<session>", "<teacher>") + "[/<run>]",
         keys.crowd("<session>", "<aggregator>"),
         *(keys.learner(verb) for verb in ("create", "branch", "list", "show", "rows")),
         *(keys.environment(verb) for verb in ("begin", "execute")),

@@ -434,10 +434,12 @@ def test_a_teachers_name_must_fit_into_a_key() -> None:
 def test_who_leaves_is_no_longer_present() -> None:
     desk = Desk()
     seen: list[tuple[str, bool]] = []
-    MemoryBus(desk.hub).watch(KEYS.present("s1"), lambda change: seen.append((change.key, change.present)))
+    MemoryBus(desk.hub).watch(KEYS.presences("s1"), lambda change: seen.append((change.key, change.present)))
     with desk.client as client:
         pass
-    assert seen == [(KEYS.present("s1", "ann"), True), (KEYS.present("s1", "ann"), False)]
+    token = seen[0][0]
+    assert KEYS.presence(token)[:2] == ("s1", "ann")
+    assert seen == [(token, True), (token, False)]
     assert client.next(10) is None
 
 

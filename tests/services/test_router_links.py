@@ -84,7 +84,7 @@ def test_over_three_routers_in_a_circle_everything_arrives_once() -> None:
             request.reply(b"welcome")
 
         learner.serve(KEYS.join(), welcome)
-        learner.watch(KEYS.present(), seen.put)
+        learner.watch(KEYS.presences(), seen.put)
         for name, teacher in (("ann", ann), ("bob", bob)):
             teacher.subscribe(KEYS.decision(), heard.put)
             assert ask_until_served(teacher, KEYS.join("s1", name)) == Reply(b"welcome")
@@ -217,7 +217,7 @@ def test_an_edge_serves_what_gateways_serve_asks_what_people_ask_and_publishes_n
     asked = {KEYS.join(), KEYS.answer(), KEYS.control(), CROWD.join(), CROWD.answer()} | served
     came = {flow_message[1]: keys for flow_message, keys in may.items() if flow_message[0] == "ingress"}
     news = {keys.decision() for keys in (KEYS, CROWD)} | {keys.measures() for keys in (KEYS, CROWD)}
-    tokens = {key for keys in (KEYS, CROWD) for key in (keys.present(), keys.service("gateway"))}
+    tokens = {key for keys in (KEYS, CROWD) for key in (keys.presences(), keys.service("gateway"))}
     assert came == {
         "query": asked,
         "declare_queryable": served,

@@ -33,5 +33,11 @@ class Program:
         return found
 
 
+def is_refused(program: Program) -> bool:
+    """Tell whether it is sent away, again and again."""
+    program.watch(2_000)
+    return Refused in kinds(program.watch(2_000))
+
+
 def kinds(updates: list[Update]) -> set[type[Update]]:
     return {type(update) for update in updates} & {Refused, Welcomed, Opened}

@@ -7,9 +7,9 @@ import pytest
 
 from protocol.messages import Join, Welcome
 from services.client import Opened, Refused, Welcomed
-from tests.services.learner.classroom import KEYS, Classroom, Pupil
+from tests.services.learner.classroom import KEYS, MS, Classroom, Pupil
 from tests.services.learner.guarded_room import GuardedRoom
-from tests.services.learner.program import Program, kinds
+from tests.services.learner.program import Program, is_refused, kinds
 
 TAKEN = "somebody teaches s1 as ann already: choose another --name, or wait until they have left"
 
@@ -71,6 +71,71 @@ def test_a_teacher_who_was_cut_off_or_whose_learner_died_is_not_taken_for_anothe
     room.kill_learner()
     room.start_learner()
     assert Refused not in kinds(ann.watch(2_000))
+    assert room.present() == ("ann",)
+
+
+@pytest.mark.parametrize("restarts", [1, 3])
+def test_a_restart_gives_the_place_of_the_first_to_nobody_else(room: Classroom, *, restarts: int) -> None:
+    first = Program(room)
+    assert kinds(first.watch()) == {Welcomed, Opened}
+    second = Program(room)
+    assert kinds(second.watch()) == {Refused}
+    for _ in range(restarts):
+        room.kill_learner()
+        room.start_learner()
+        told = second.watch(2_000), first.watch(2_000), second.watch(2_000)
+        assert [kinds(each) for each in told] == [{Refused}, {Welcomed, Opened}, {Refused}]
+    first.client.close()
+    assert kinds(second.watch(2_000)) == {Welcomed, Opened}
+    assert room.present() == ("ann",)
+
+
+def test_of_two_who_come_to_a_learner_that_starts_anew_one_teaches(room: Classroom) -> None:
+    """The second was started while no learner was there, so that both show a token."""
+    first = Program(room)
+    assert kinds(first.watch()) == {Welcomed, Opened}
+    room.kill_learner()
+    second = Program(room)
+    room.start_learner()
+    waits = {is_refused(program): program for program in (second, first)}
+    assert set(waits) == {True, False}
+    assert room.present() == ("ann",)
+    waits[False].client.close()
+    assert kinds(waits[True].watch(2_000)) == {Welcomed, Opened}
+    assert room.present() == ("ann",)
+
+
+def test_whoever_takes_the_place_of_one_who_was_cut_off_keeps_it(room: Classroom) -> None:
+    first = Program(room)
+    assert kinds(first.watch()) == {Welcomed, Opened}
+    second = Program(room)
+    assert kinds(second.watch()) == {Refused}
+    first.bus.set_online(online=False)
+    assert kinds(second.watch(2_000)) == {Welcomed, Opened}
+    first.bus.set_online(online=True)
+    assert (is_refused(first), is_refused(second)) == (True, False)
+    assert room.present() == ("ann",)
+
+
+def test_who_is_let_in_and_shows_no_token_keeps_the_place_from_nobody(room: Classroom) -> None:
+    joined = room.ask(
+        room.watcher, KEYS.join("s1", "ann"), Join(session="s1", teacher="ann", client="mine#1")
+    )
+    assert joined.ok
+    waiting = Program(room)
+    assert kinds(waiting.watch()) == {Refused}
+    room.clock.advance(room.learner.config.teachers_gone_ms * MS)
+    assert not is_refused(waiting)
+
+
+def test_the_token_of_another_run_is_enough_to_be_back_where_the_first_was_given_up(room: Classroom) -> None:
+    room.ask(room.watcher, KEYS.join("s1", "ann"), Join(session="s1", teacher="ann", client="mine#1"))
+    assert room.present() == ("ann",)
+    room.clock.advance(room.learner.config.teachers_gone_ms * MS)
+    room.settle()
+    assert room.present() == ()
+    room.watcher.announce(KEYS.present("s1", "ann", "2"))
+    room.settle()
     assert room.present() == ("ann",)
 
 

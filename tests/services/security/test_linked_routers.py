@@ -115,7 +115,7 @@ def test_a_teacher_in_another_network_is_asked_heard_and_seen_by_the_learner(
 ) -> None:
     learner, seen = lab.bus(Role.LEARNER), queue.SimpleQueue[Presence]()
     learner.serve(KEYS.answer(), answering(b"saved"))
-    learner.watch(KEYS.present(), seen.put)
+    learner.watch(KEYS.presences(), seen.put)
     with beside(lab, tmp_path, link) as town:
         assert read_access(town.folder, "teacher").password != read_access(lab.folder, "teacher").password
         teacher, heard = town.bus(Role.TEACHER), queue.SimpleQueue[Received]()
