@@ -267,7 +267,8 @@ class Client:
         if decision.phase == "asking" and number != self._shown[0]:
             self._shown = (number, self._clock.now_ns())
         if self._epoch is not None and decision.epoch > self._epoch:
-            self._join_afresh()
+            self._epoch = None
+            self._ask_to_join()
 
     def _response_ms(self, decision: Decision, at_ns: int) -> int | None:
         number, shown_ns = self._shown
@@ -292,10 +293,6 @@ class Client:
         self._updates.append(Connection(connected, detail))
         if connected and before is False:
             self._ask_to_join()
-
-    def _join_afresh(self) -> None:
-        self._epoch = None
-        self._ask_to_join()
 
     def _on_denied(self) -> None:
         if self._epoch is not None:
@@ -334,7 +331,9 @@ class Client:
     def _on_refusal(self, refusal: Refusal) -> None:
         final = refusal.code in _FINAL
         self._updates.append(Refused(refusal.code, refusal.reason, final))
-        self._presence.refused(refusal.code)
+        if refusal.code == "conflict":  # somebody else is there under the name
+            self._presence.hide()
+            self._delivery.hold()
         if not final:
             self._join_soon()
 

@@ -62,6 +62,7 @@ class Delivery:
         self._ask, self._tell, self._denied = ask, tell, denied
         self._outbox, self._clock, self._chance = outbox, clock, chance
         self._sending: dict[bytes, _Sending] = {}
+        self._held = False
 
     def __len__(self) -> int:
         return len(self._sending)
@@ -82,11 +83,18 @@ class Delivery:
         self._outbox.store(answer_id, payload)
         if log.isEnabledFor(logging.DEBUG):
             log.debug("answer stored, sending it", extra=_about(payload))
-        self._sending[answer_id] = sending = _Sending(answer_id, payload)
-        self._send(sending)
+        held = self._held
+        self._sending[answer_id] = sending = _Sending(answer_id, payload, 0 if held else None)
+        if not held:
+            self._send(sending)
+
+    def hold(self) -> None:
+        """Send nothing until `hurry`: whoever is sent away is not heard, and what they say is kept."""
+        self._held = True
 
     def hurry(self) -> None:
-        """Send now whatever waits: the learner is there."""
+        """Send now whatever waits: the learner is there, and lets this teacher in."""
+        self._held = False
         for sending in list(self._sending.values()):
             if sending.due_ns is not None:
                 self._send(sending)
@@ -94,7 +102,7 @@ class Delivery:
     def repeat(self, now_ns: int) -> int:
         """Send again what is due and return when something will be due next."""
         due_ns = FAR_NS
-        if not self._sending:
+        if not self._sending or self._held:
             return due_ns
         for sending in list(self._sending.values()):  # one C call, so `send` on another thread does no harm
             if sending.due_ns is None:

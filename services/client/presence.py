@@ -36,11 +36,6 @@ class OwnPresence:
         if withdraw is not None:
             withdraw()
 
-    def refused(self, code: str) -> None:
-        """Hide where somebody else is there under the name: joining was refused for it."""
-        if code == "conflict":
-            self.hide()
-
     def end(self) -> None:
         """Say so never again."""
         self._ended = True

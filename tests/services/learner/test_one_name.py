@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from protocol.messages import Join, Welcome
-from services.client import Opened, Refused, Welcomed
+from services.client import AnswerState, AnswerUpdate, Opened, Refused, Welcomed
 from tests.services.learner.classroom import KEYS, MS, Classroom, Pupil
 from tests.services.learner.guarded_room import GuardedRoom
 from tests.services.learner.program import Program, is_refused, kinds
@@ -39,6 +39,22 @@ def test_the_second_of_a_name_is_told_and_not_asked_until_the_first_has_left(roo
     second.client.close()
     room.settle()
     assert room.present() == ()
+
+
+def test_what_the_second_says_is_kept_until_it_is_let_in(room: Classroom) -> None:
+    first = Program(room)
+    first.watch()
+    second = Program(room)
+    second.watch()
+    answer_id = second.client.answer(room.decision, action="UP")
+    told = second.watch(5_000)
+    assert [update.state for update in told if isinstance(update, AnswerUpdate)] == [AnswerState.SENDING]
+    assert (second.client.unacknowledged, room.rows("answer")) == (1, [])
+    first.client.close()
+    told = second.watch(2_000)
+    fates = {update.answer_id: update.state for update in told if isinstance(update, AnswerUpdate)}
+    assert fates == {answer_id: AnswerState.SAVED}
+    assert (second.client.unacknowledged, len(room.rows("answer"))) == (0, 1)
 
 
 @pytest.mark.parametrize("seen_to_die", [True, False])
