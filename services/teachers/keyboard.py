@@ -91,13 +91,13 @@ class KeyboardApp(App[int]):
     BINDINGS = [Binding("ctrl+c", "leave", show=False, priority=True)]  # noqa: RUF012 - as Textual declares it
     CSS = f"""
     Screen {{ layout: vertical; }}
-    #title, #legend, #note {{ height: 1; }}
+    #title, #legend {{ height: 1; }}
     #title {{ margin-bottom: 1; }}
     #middle {{ height: 1fr; }}
     #grid {{ width: 1fr; height: 1fr; padding: 0 2; text-wrap: nowrap; }}
     #side {{ width: {SIDE_COLUMNS}; height: 1fr; }}
     #legend {{ color: $text-muted; padding: 0 2; }}
-    #note {{ padding: 0 1; }}
+    #note {{ height: auto; min-height: 1; max-height: 3; padding: 0 1; }}
     #keys {{ height: auto; color: $text-muted; padding: 0 1; }}
     .narrow #middle {{ layout: vertical; }}
     .narrow #grid {{ height: auto; margin-bottom: 1; }}
@@ -219,12 +219,12 @@ class KeyboardApp(App[int]):
         """Draw what changes by itself: the window running out, hints fading."""
         now_ns = self._clock.now_ns()
         note = self._hint if now_ns < self._hint_until_ns else self.progress.note
-        for widget, text in (
-            (self._side, panel.situation(self.progress, now_ns)),
-            (self._note, panel.note_line(note)),
+        for widget, text, may_grow in (
+            (self._side, panel.situation(self.progress, now_ns), False),
+            (self._note, panel.note_line(note), True),
         ):
             if widget.content != text:  # five looks a second, and mostly there is nothing to draw
-                widget.update(text, layout=False)
+                widget.update(text, layout=may_grow)
 
     def _painted(self, on_screen: OnScreen | None) -> None:
         self._on_screen = on_screen

@@ -43,11 +43,11 @@ def title(progress: Progress, session: str, teacher: str) -> Text:
 
 def situation(progress: Progress, now_ns: int) -> Text:
     """Return the lines beside the grid."""
-    text = Text()
     decision = progress.decision
     if decision is None:
-        text.append("waiting for the first decision…", QUIET)
-        return text
+        note = progress.note
+        return Text(note.text, BAD) if note.bad else Text("waiting for the first decision…", QUIET)
+    text = Text()
     text.append(f"Episode {min(decision.episode + 1, decision.episodes)} of {decision.episodes}", STRONG)
     shortest = "" if decision.optimal_steps is None else f" (shortest {decision.optimal_steps})"
     text.append(f"   step {decision.step + 1}{shortest}\n")
@@ -59,7 +59,7 @@ def situation(progress: Progress, now_ns: int) -> Text:
     text.append("\n\n")
     text.append_text(_answer_line(progress, decision))
     text.append("\n\n")
-    text.append_text(_measures(progress, now_ns))
+    text.append_text(_measures(progress, decision, now_ns))
     text.append_text(_company(decision))
     return text
 
@@ -86,10 +86,15 @@ def question(decision: Decision) -> Text:
 def _last_move(progress: Progress, decision: Decision) -> Text:
     """What the agent did at the step before, where that is not what is asked about."""
     step = progress.step
-    if step is None or decision.asked != "label" or step.decision + 1 != decision.decision:
+    if step is None or decision.asked != "label":
+        return Text()
+    if (step.episode, step.decision + 1) != (decision.episode, decision.decision):
         return Text()
     move = f"{ARROWS.get(step.action, '')} {step.action}".strip()
-    return Text(f"it went {move}{', and nothing moved' if step.view == step.next_view else ''}", QUIET)
+    stood = ", and nothing moved" if step.view == step.next_view else ""
+    labels = {said.action for said in step.said if said.kind == "label"}
+    tied = "; the labels were tied" if len(labels) > 1 and step.label is None else ""
+    return Text(f"it went {move}{stood}{tied}", QUIET)
 
 
 def window_line(progress: Progress, decision: Decision, now_ns: int) -> Text:
@@ -124,16 +129,17 @@ def _answer_line(progress: Progress, decision: Decision) -> Text:
     return text
 
 
-def _measures(progress: Progress, now_ns: int) -> Text:
+def _measures(progress: Progress, decision: Decision, now_ns: int) -> Text:
     text = Text()
     if progress.episodes:
         text.append(f"steps {sparkline([episode.steps for episode in progress.episodes])}\n")
         text.append(f"last episode: {_result(progress.episodes[-1])}\n")
     agreement = progress.agreement
-    share = "" if agreement is None else f", {agreement:.0%} agreed"
-    text.append(f"answers {progress.inputs}{share}\n")
+    share = "" if agreement is None else f", {agreement:.0%} {'praised' if progress.by_rewards else 'agreed'}"
+    whose = " of all" if decision.teachers_present > 1 else ""
+    text.append(f"answers{whose} {progress.inputs}{share}\n")
     minutes, seconds = divmod(int(progress.teaching_s(now_ns)), 60)
-    text.append(f"teaching time {minutes}:{seconds:02d}\n")
+    text.append(f"teaching time {minutes}:{seconds:02d}, {progress.answers_saved} of yours saved\n")
     return text
 
 
@@ -180,5 +186,5 @@ def key_line(decision: Decision | None) -> str:
 
 
 def note_line(note: Note) -> Text:
-    """One line for the teacher."""
-    return Text(note.text, BAD if note.bad else "", no_wrap=True, overflow="ellipsis")
+    """What the teacher is told; a line, where it is wide enough."""
+    return Text(note.text, BAD if note.bad else "")

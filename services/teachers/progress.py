@@ -59,6 +59,8 @@ class Progress:
         self.answer_before = False
         """Whether that answer was to an earlier decision than the one shown."""
         self._answer_id = b""
+        self.by_rewards = False
+        """Whether rewards judged the last judged step: then the agreement is praise."""
         self._inputs = self._judged = self._agreements = 0
         self._teaching_ns = 0
         self._asked_since_ns: int | None = None
@@ -151,8 +153,10 @@ class Progress:
             return
         self.step = step
         self._inputs += sum(said.kind != "abstain" for said in step.said)
-        self._judged += step.h != 0
-        self._agreements += step.h > 0
+        if step.h:
+            self._judged += 1
+            self._agreements += step.h > 0
+            self.by_rewards = any(said.kind == "reward" for said in step.said)
 
     def _episode_over(self, episode: Episode) -> None:
         if self.episodes and episode.episode <= self.episodes[-1].episode:

@@ -288,9 +288,22 @@ def test_an_unknown_session_is_one_line_with_the_mend() -> None:
 
     async def play(terminal: Terminal) -> None:
         await terminal.sees("note", "not admitted: no session s1 here: create it")
+        await terminal.sees("side", "not admitted: no session s1 here: create it")
         assert "○ not connected" in terminal.line("title")
         await terminal.press("up")
         assert terminal.said() == []
+
+    at_terminal(play, prepare=prepare)
+
+
+@pytest.mark.parametrize("words, lines", [("short", 1), ("somebody teaches " + "on and on " * 10, 2)])
+def test_what_is_too_long_for_a_line_stands_on_two(words: str, lines: int) -> None:
+    def prepare(learner: FakeLearner) -> None:
+        learner.join_refusal = Refusal(code="conflict", reason=words)
+
+    async def play(terminal: Terminal) -> None:
+        await terminal.sees("note", words.strip())
+        await terminal.until(lambda: terminal.app.query_one("#note").size.height == lines)
 
     at_terminal(play, prepare=prepare)
 

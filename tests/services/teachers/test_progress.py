@@ -147,8 +147,8 @@ def test_the_panel_says_what_is_asked_and_how_things_stand() -> None:
         "you: ↑ UP sending…\n\n"
         "steps █\n"
         "last episode: solved in 12 (shortest 4)\n"
-        "answers 5\n"
-        "teaching time 0:00\n"
+        "answers of all 5\n"
+        "teaching time 0:00, 0 of yours saved\n"
         "teachers: ann, bob and 7 more"
     )
 
@@ -159,8 +159,43 @@ def test_the_panel_says_what_the_agent_did_at_the_step_before(*, moved: bool, sa
     last = msgspec.structs.replace(step(3, 1.0).step, view="@ ", next_view=" @" if moved else "@ ")
     progress.apply(Learnt(last), 0)
     assert panel.situation(progress, 0).plain.splitlines()[1] == said
-    progress.apply(Opened(decision(decision=5), 0), 0)
-    assert panel.situation(progress, 0).plain.splitlines()[1] == ""
+    for later in ({"decision": 5}, {"decision": 4, "episode": 1, "sequence": 9}):
+        progress.apply(Opened(decision(**later), 0), 0)
+        assert panel.situation(progress, 0).plain.splitlines()[1] == ""
+
+
+@pytest.mark.parametrize(
+    "label, tied", [(None, "it went ↑ UP; the labels were tied"), ("UP", "it went ↑ UP")]
+)
+def test_the_panel_says_that_teachers_disagreed(label: str | None, tied: str) -> None:
+    progress = joined(decision=4)
+    said = tuple(SaidBy(teacher=action, kind="label", action=action) for action in ("UP", "DOWN", "UP"))
+    last = msgspec.structs.replace(step(3, 1.0).step, view="@ ", next_view=" @", said=said, label=label)
+    progress.apply(Learnt(last), 0)
+    assert panel.situation(progress, 0).plain.splitlines()[1] == tied
+
+
+@pytest.mark.parametrize(
+    "kind, present, said",
+    [
+        ("label", 1, "answers 2, 50% agreed"),
+        ("label", 2, "answers of all 2, 50% agreed"),
+        ("reward", 1, "answers 2, 50% praised"),
+    ],
+)
+def test_the_panel_says_whose_answers_it_counts_and_what_they_came_to(
+    kind: Any,  # noqa: ANN401 - a literal
+    present: int,
+    said: str,
+) -> None:
+    progress = joined(teachers_present=present)
+    for judged in (step(0, 1.0, kind), step(1, -1.0, kind), step(2, 0.0)):
+        progress.apply(judged, 0)
+    for answer_id in (b"a", b"b", b"c"):
+        progress.apply(AnswerUpdate(answer_id, AnswerState.SAVED), 0)
+    lines = panel.situation(progress, 0).plain.splitlines()
+    assert said in lines
+    assert "teaching time 0:00, 3 of yours saved" in lines
 
 
 @pytest.mark.parametrize(
