@@ -14,9 +14,8 @@ from rich.table import Table
 from services.cli.experiment.shared import (
     Out,
     Seeds,
-    check_folder,
-    claim_folder,
     print_findings,
+    runner_config,
     seed_range,
     world_spec,
 )
@@ -93,15 +92,9 @@ def crowd(  # noqa: PLR0917 - one argument a flag
 def _run(
     conditions: Sequence[CrowdCondition], seeds: Sequence[int], workers: int, out: Path | None
 ) -> list[Any]:
-    from services.experiments.runner import RunnerConfig, run_conditions
+    from services.experiments.runner import run_conditions
 
-    if workers < 0:
-        message = f"workers {workers} is negative: 0 takes one a core"
-        raise CommandError(message)
-    if out is not None:
-        check_folder(out)
-        claim_folder(out, conditions, seeds)
-    config = RunnerConfig(workers, fast=False, store=None if out is None else out / "chunks")
+    config = runner_config(conditions, seeds, workers, out, fast=False)
     with progress("seeds") as told:
         return run_conditions(conditions, seeds, config, told)
 

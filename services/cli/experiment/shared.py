@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 from rich.console import Console
@@ -20,6 +20,9 @@ from services.experiments.runnable import Runnable
 from sfid_core.experiments.claims import Claim
 from sfid_core.experiments.condition import Condition, Results, results_sha256
 from sfid_core.session.config import WorldSpec
+
+if TYPE_CHECKING:
+    from services.experiments.runner import RunnerConfig
 
 Seeds = Annotated[int, typer.Option(help="Number of seeds; all conditions share them.")]
 Workers = Annotated[int, typer.Option(help="Threads (or processes without numba); 0: one a core.")]
@@ -83,27 +86,37 @@ def run_all(
 
     Warnings on the sessions go to stderr first, each once, but for `warned` false.
     """
-    from services.experiments.runner import RunnerConfig, run_conditions
+    from services.experiments.runner import run_conditions
     from services.runtime.sources import keep_machine_code
 
-    if workers < 0:
-        message = f"workers {workers} is negative: 0 takes one a core"
-        raise CommandError(message)
-    if out is not None:
-        check_folder(out)
-        claim_folder(out, conditions, seeds)
+    config = runner_config(conditions, seeds, workers, out, fast=False if plain else None)
     if warned:
         warn(*(condition.config for condition in conditions))
     if keep_machine_code(Path.home() / ".cache" / "sfid") and not plain:
         print("compiling the methods, once for this version: up to a minute", file=sys.stderr, flush=True)
-    config = RunnerConfig(workers, False if plain else None, None if out is None else out / "chunks")
     began = time.perf_counter()
     with progress("seeds") as told:
         results = run_conditions(conditions, seeds, config, told)
     return Run(results, time.perf_counter() - began, results_sha256(results))
 
 
-def check_folder(folder: Path) -> None:
+def runner_config(
+    conditions: Sequence[Runnable], seeds: Sequence[int], workers: int, out: Path | None, *, fast: bool | None
+) -> "RunnerConfig":
+    """Return how to run, with the folder checked and claimed; raise with the mend where it cannot be so."""
+    from services.experiments.runner import RunnerConfig
+
+    if workers < 0:
+        message = f"workers {workers} is negative: 0 takes one a core"
+        raise CommandError(message)
+    if out is None:
+        return RunnerConfig(workers, fast)
+    _check_folder(out)
+    _claim_folder(out, conditions, seeds)
+    return RunnerConfig(workers, fast, out / "chunks")
+
+
+def _check_folder(folder: Path) -> None:
     """Raise with the mend where nothing can be written, or drawn, before a long run rather than after it."""
     from services.cli.experiment.files import check_figures
 
@@ -115,7 +128,7 @@ def check_folder(folder: Path) -> None:
         raise CommandError(message) from None
 
 
-def claim_folder(folder: Path, conditions: Sequence[Runnable], seeds: Sequence[int]) -> None:
+def _claim_folder(folder: Path, conditions: Sequence[Runnable], seeds: Sequence[int]) -> None:
     """Note which experiment a folder holds; raise with the mend where it holds another one."""
     told = "".join(condition.digest for condition in conditions)
     digest = sha256(f"{told} {list(seeds)}".encode()).hexdigest()
