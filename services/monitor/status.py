@@ -52,7 +52,7 @@ def open_markdown(
     if decision is None:
         return "\n\n".join(_standing(report, teach))
     phase = f"**{_phase(decision)}**{_count_down(decision, left_s, waited_s)}"
-    lines = [_heading(decision, decision.step), phase]
+    lines = [_heading(decision), phase]
     method = f"method **{decision.method}** · window {_window(decision.window)}"
     lines += [_present(decision), *[OF_TWO] * of_two, method]
     lines += _hint(decision.phase, decision.session, teach)
@@ -148,9 +148,12 @@ def _hint(phase: str, session: str, teach: str) -> list[str]:
     return [f"teach it: {teach.replace('{session}', session)}"] if phase == "gathering" else []
 
 
-def _heading(decision: Decision, step: int) -> str:
-    episode = min(decision.episode + 1, decision.episodes)
-    return f"**{decision.session}** · episode {episode} of {decision.episodes}, step {step + 1}"
+def _heading(decision: Decision) -> str:
+    """Return where the session is; between episodes and after the last, the step is one that has been."""
+    if decision.phase == "finished":
+        return f"**{decision.session}** · {decision.episode} of {counted(decision.episodes, 'episode')}"
+    step = "" if decision.phase == "beginning" else f", step {decision.step + 1}"
+    return f"**{decision.session}** · episode {decision.episode + 1} of {decision.episodes}{step}"
 
 
 def _window(window: WindowSpec) -> str:
