@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from difflib import get_close_matches
 from functools import cached_property
+from inspect import Parameter, signature
 from typing import Any
 
 import numpy as np
@@ -49,7 +50,9 @@ def make(environment: str, options: dict[str, Any], render: str) -> Any:  # noqa
     with faults(environment), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         register_installed()
-        mode = _render_mode(_registered(environment), render)
+        creator = _creator(_registered(environment))
+        mode = _render_mode(creator, render)
+        _check_known(creator, options)
         with _naming(options):
             return gymnasium.make(
                 environment, max_episode_steps=-1, disable_env_checker=True, render_mode=mode, **options
@@ -107,12 +110,27 @@ def faults(environment: str) -> Iterator[None]:
         raise GymError(f"environment {environment}: {_one_line(error)}") from None
 
 
-def _render_mode(spec: Any, render: str) -> str | None:  # noqa: ANN401 - Gymnasium is an extra
-    """Return what an environment is made with, before it is made: its class says what it can."""
+def _creator(spec: Any) -> Any:  # noqa: ANN401 - Gymnasium is an extra
+    """Return what makes the environments of a name."""
     from gymnasium.envs.registration import load_env_creator  # noqa: PLC0415 - as above
 
     point = spec.entry_point
-    creator = point if callable(point) else load_env_creator(point)
+    return point if callable(point) else load_env_creator(point)
+
+
+def _check_known(creator: Any, options: dict[str, Any]) -> None:  # noqa: ANN401 - as above
+    """Refuse options that there are not. Raises: GymError that tells what there is."""
+    parameters = signature(creator).parameters
+    if any(each.kind is Parameter.VAR_KEYWORD for each in parameters.values()):
+        return
+    unknown = sorted(set(options) - set(parameters))
+    if unknown:
+        known = ", ".join(sorted(set(parameters) - RESERVED)) or "none"
+        raise GymError(f"there is no option {unknown[0]}: choose of {known}")
+
+
+def _render_mode(creator: Any, render: str) -> str | None:  # noqa: ANN401 - Gymnasium is an extra
+    """Return what an environment is drawn with, before it is made: its class says what it can."""
     modes = getattr(creator, "metadata", {}).get("render_modes", ())
     for mode in ("ansi",) if render == "text" else ("rgb_array",):
         if mode in modes:

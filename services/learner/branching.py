@@ -11,11 +11,13 @@ from protocol.messages import Branch, Refusal
 from services.learner.live import recovered
 from services.learner.ownership import BRANCH
 from sfid_core.session.events import Paused, Restarted, TeacherLeft
+from sfid_core.session.state import Phase
 
 if TYPE_CHECKING:
     from services.learner.live import LiveSession
     from services.learner.service import Learner
     from services.runtime.journal import Row
+    from sfid_core.session.state import Session
 
 log = logging.getLogger("sfid.learner")
 
@@ -50,9 +52,7 @@ def branch(learner: Learner, message: Branch) -> Refusal | None:
     records = [Record(row.kind, row.at_ns, row.body or b"") for row in rows]
     count = rows_before(records, message.episode)
     if count is None:
-        at = parent.session.episode
-        reason = f"session {message.session} has not begun episode {message.episode}: it is at {at}"
-        return Refusal(code="invalid", reason=reason)
+        return Refusal(code="invalid", reason=_not_begun(parent.session, message.episode))
     if count > ROWS_MAX:
         reason = (
             f"{count} rows stand before episode {message.episode}, {ROWS_MAX} can be copied: go back further"
@@ -61,6 +61,13 @@ def branch(learner: Learner, message: Branch) -> Refusal | None:
     copied = list(branch_records(records[:count], message.branch))
     _begin(learner, message, rows[: count + 1], copied)
     return None
+
+
+def _not_begun(session: Session, episode: int) -> str:
+    waits = session.phase in {Phase.GATHERING, Phase.BEGINNING, Phase.FINISHED}
+    last = session.episode - waits
+    said = "none has begun" if last < 0 else f"choose one from 0 to {last}"
+    return f"session {session.config.session} has not begun episode {episode}: {said}"
 
 
 def _begin(learner: Learner, message: Branch, rows: list[Row], copied: list[Record]) -> None:

@@ -121,7 +121,7 @@ class Register:
         return len(self._people.get(invitation, {}))
 
     def _append(self, entry: _Entry) -> None:
-        self._path.parent.mkdir(parents=True, exist_ok=True)
+        self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         line = json.dumps(msgspec.to_builtins(entry)).encode() + b"\n"
         handle = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o600)
         try:

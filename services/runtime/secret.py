@@ -24,7 +24,7 @@ def load_secrets(folder: Path) -> list[bytes]:
     """
     path = folder / NAME
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         written_once(path, secrets.token_hex(SECRET_BYTES_MIN).encode() + b"\n")
         mode = path.stat().st_mode
         lines = path.read_text("ascii").split()

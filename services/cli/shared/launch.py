@@ -52,7 +52,8 @@ class Deployed:
 def make_directories(data: Path) -> Path:
     """Create the data directory and the one for logs in it; return the latter."""
     logs = data / "logs"
-    logs.mkdir(parents=True, exist_ok=True)
+    data.mkdir(mode=0o700, parents=True, exist_ok=True)
+    logs.mkdir(exist_ok=True)
     return logs
 
 

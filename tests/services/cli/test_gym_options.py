@@ -47,6 +47,14 @@ def test_options_of_no_environment_are_refused(options: list[str] | None, action
     assert gym_world(None, None, None) is None
 
 
+def test_an_option_that_there_is_not_is_told_those_there_are() -> None:
+    with pytest.raises(CommandError) as failure:
+        gym_world(LAKE, ["slippery=false"], None)
+    assert str(failure.value).startswith(
+        f"environment {LAKE}: there is no option slippery: choose of desc, is_slippery, map_name"
+    )
+
+
 def picky(size: int = 0, **_: Any) -> Any:  # noqa: ANN401 - as Gymnasium wants it
     raise ValueError(f"no board of {size}")
 

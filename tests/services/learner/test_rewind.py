@@ -107,7 +107,7 @@ def test_the_same_branch_again_is_the_same_and_another_of_its_name_is_refused(ro
 @pytest.mark.parametrize(
     "origin, episode, code, reason",
     [
-        ("s1", 4, "invalid", "has not begun episode 4"),
+        ("s1", 4, "invalid", "has not begun episode 4: choose one from 0 to 3"),
         ("nobody", 0, "unknown-session", "no session nobody here"),
     ],
 )
@@ -118,6 +118,17 @@ def test_what_has_not_been_cannot_be_gone_back_to(
     refusal = room.refused(KEYS.learner("branch"), Branch(session=origin, episode=episode, branch="again"))
     assert refusal.code == code
     assert reason in refusal.reason
+
+
+def test_before_the_first_episode_and_within_one_the_last_that_began_is_told(room: Classroom) -> None:
+    room.create(session(episodes=5))
+
+    def reason() -> str:
+        return room.refused(KEYS.learner("branch"), Branch(session="s1", episode=3, branch="again")).reason
+
+    assert reason() == "session s1 has not begun episode 3: none has begun"
+    Pupil(room, "ann").join()
+    assert reason() == "session s1 has not begun episode 3: choose one from 0 to 0"
 
 
 def test_a_session_that_goes_on_can_be_branched_and_goes_on(room: Classroom) -> None:
