@@ -126,13 +126,22 @@ def main() -> None:
         if said.startswith("Usage:"):  # a group without a command: its help, as it is laid out
             print(said, file=sys.stderr, flush=True)
             sys.exit(BAD_USAGE)
-        _fail(f"{said.rstrip('.')}: `sfid --help` and `sfid COMMAND --help` show what there is", BAD_USAGE)
+        _fail(
+            f"{said.replace('Value error, ', '').rstrip('.')}: {_help_of(error)} shows what there is",
+            BAD_USAGE,
+        )
     except (KeyboardInterrupt, typer.Abort):
         sys.exit(INTERRUPTED)
     except BrokenPipeError:  # `sfid ... | head`: what is still buffered has nowhere to go
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     sys.exit(code or 0)
+
+
+def _help_of(error: TyperException) -> str:
+    """Return what explains the command that was not understood."""
+    context = getattr(error, "ctx", None)
+    return f"`{'sfid' if context is None else context.command_path} --help`"
 
 
 def _fail(message: str, code: int) -> NoReturn:

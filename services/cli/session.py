@@ -287,9 +287,12 @@ def show(
             | {"phase": report.summary.phase, "malformed": report.malformed, "failure": report.failure}
         )
         return
-    print_episodes(Console(), episodes)
+    if episodes:
+        print_episodes(Console(), episodes)
+    else:
+        print("no episode is finished yet")
     print(labels_line(report.labels))
-    print(f"phase {report.summary.phase}, epoch {report.epoch}, q_sha256 {report.q_sha256}")
+    print(f"phase {state_of(report.summary)}, epoch {report.epoch}, q_sha256 {report.q_sha256}")
 
 
 def _control(verb: str, name: str, connect: str, deployment: str, access: Path | None) -> None:

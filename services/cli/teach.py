@@ -47,6 +47,7 @@ Mix = Annotated[
     ),
 ]
 HowMany = Annotated[int | None, typer.Option(help="How many they are together; checked against the mix.")]
+DEFAULT_PERSONA, DEFAULT_NAME = "oracle", "expert"
 NameOption = Annotated[str, typer.Option(help="Pseudonym of the teacher: a-z, 0-9, - and _.")]
 
 
@@ -74,8 +75,11 @@ def _token(path: Path | None) -> dict[str, Any]:
 @teach_app.command()
 def scripted(  # noqa: PLR0917 - one argument a flag
     session: SessionOption,
-    name: NameOption = "expert",
-    persona: Annotated[str, typer.Option(help=f"Who it is: {', '.join(PERSONAS)}.")] = "oracle",
+    name: Annotated[
+        str | None,
+        typer.Option(help="Pseudonym of the teacher: a-z, 0-9, - and _. Default: the persona's, or expert."),
+    ] = None,
+    persona: Annotated[str, typer.Option(help=f"Who it is: {', '.join(PERSONAS)}.")] = DEFAULT_PERSONA,
     fault: Annotated[
         list[str] | None,
         typer.Option(
@@ -99,6 +103,7 @@ def scripted(  # noqa: PLR0917 - one argument a flag
     """Teach by the exact oracle, with the faults and habits of a persona."""
     from services.teachers.scripted import ScriptedConfig, run
 
+    name = name or (DEFAULT_NAME if persona == DEFAULT_PERSONA else persona)
     keys = _names(session, name, deployment)
     faults = persona_named(persona, given_parameters(fault))
     best = best_of(gym, gym_option, gym_actions)

@@ -2,6 +2,7 @@
 
 import json
 import signal
+import stat
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -187,6 +188,7 @@ def test_a_supervised_set_serves_the_session_commands_and_drains(tmp_path: Path)
         up.terminate()
         assert up.wait(5) == 0
     assert not any(map(alive, pids))
+    assert stat.S_IMODE((tmp_path / "data").stat().st_mode) == 0o700
     assert "Traceback" not in errors.read_text()
     assert [one.q_sha256 for one in replay_directory(tmp_path / "data")] == [shown["q_sha256"]]
 

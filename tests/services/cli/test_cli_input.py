@@ -92,7 +92,12 @@ def test_a_probability_that_cannot_be_one_is_refused_wherever_it_is_given(argume
 @pytest.mark.parametrize(
     "arguments, named",
     [
-        (("sorcery",), "sorcery"),
+        (("sorcery",), "No such command 'sorcery': `sfid --help` shows what there is"),
+        (("session", "show"), "Missing argument 'name': `sfid session show --help` shows what there is"),
+        (
+            ("session", "list", "--state", "odd"),
+            "Invalid value for '--state': 'odd' is not one of 'gathering'",
+        ),
         (("session", "create", "s1", "-p", "alpha=1.5"), "alpha 1.5 is outside"),
         (("session", "create", "s1", "-p", "gamma=1"), "gamma 1.0 is outside"),
         (("session", "create", "s1", "--window-ms", "0"), "window span 0 ms is outside"),

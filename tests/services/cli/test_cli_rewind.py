@@ -27,18 +27,23 @@ def test_a_lesson_is_rewound_taught_on_and_proven_by_its_journal(tmp_path: Path)
         running("learner", "--connect", endpoint, "--data", str(data)),
     ):
         told("session", "create", "lesson", "--episodes", "3", "--window-mode", "until-answered")
+        empty = sfid("session", "show", "lesson", "--connect", endpoint)
         told("teach", "scripted", "--session", "lesson", "--name", "ann")
         first = told("session", "show", "lesson", "--json")
         told("session", "rewind", "lesson", "--episode", "1", "--as", "second")
         waiting = told("session", "show", "second", "--json")
+        stands = sfid("session", "show", "second", "--connect", endpoint).stdout.splitlines()
         told("session", "resume", "second")
-        told("teach", "scripted", "--session", "second", "--name", "bob")
+        taught = sfid("teach", "scripted", "--session", "second", "--persona", "naive", "--connect", endpoint)
         second = told("session", "show", "second", "--json")
         beyond = sfid("session", "rewind", "lesson", "--episode", "9", "--connect", endpoint)
     assert (first["phase"], second["phase"]) == ("finished", "finished")
     assert [len(each["episodes"]) for each in (first, waiting, second)] == [3, 1, 3]
     assert first["episodes"][0]["steps"] == second["episodes"][0]["steps"]
     assert first["q_sha256"] != waiting["q_sha256"] != second["q_sha256"]
+    assert empty.stdout.splitlines()[0] == "no episode is finished yet"
+    assert " teacher-naive[" in taught.stderr
+    assert stands[-1].startswith("phase paused, epoch 1, ")
     assert (beyond.code, beyond.stdout) == (1, "")
     assert "has not begun episode 9" in beyond.stderr.splitlines()[-1]
     replayed = sfid("replay", str(data), "--verify", "--json")
