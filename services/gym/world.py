@@ -120,7 +120,10 @@ def _creator(spec: Any) -> Any:  # noqa: ANN401 - Gymnasium is an extra
 
 def _check_known(creator: Any, options: dict[str, Any]) -> None:  # noqa: ANN401 - as above
     """Refuse options that there are not. Raises: GymError that tells what there is."""
-    parameters = signature(creator).parameters
+    try:
+        parameters = signature(creator).parameters
+    except (TypeError, ValueError):  # made by something that is not Python's
+        return
     if any(each.kind is Parameter.VAR_KEYWORD for each in parameters.values()):
         return
     unknown = sorted(set(options) - set(parameters))
