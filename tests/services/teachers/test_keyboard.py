@@ -303,7 +303,8 @@ def test_what_is_too_long_for_a_line_stands_on_two(words: str, lines: int) -> No
 
     async def play(terminal: Terminal) -> None:
         await terminal.sees("note", words.strip())
-        await terminal.until(lambda: terminal.app.query_one("#note").size.height == lines)
+        await terminal.pilot.pause()
+        assert terminal.app.query_one("#note").size.height == lines
 
     at_terminal(play, prepare=prepare)
 
