@@ -228,7 +228,7 @@ def _close(session: Session, at_ns: int) -> Effects:
 
 
 def _taken(session: Session, at_ns: int, event: StepTaken) -> Effects:
-    if event.action >= 0 and event.decision == session.decision:
+    if event.action >= 0 and event.decision == session.decision and session.transition is None:
         _follow(session, event.action)
     if session.phase is not EXECUTING or event.decision != session.decision:
         return (Ignored("no such step was to be taken"),)
@@ -245,7 +245,7 @@ def _follow(session: Session, action: int) -> None:
     """Let the decision have taken this action, though the table, without erased answers, chooses another."""
     session.action = action
     session.undo_due = action == session.learner.memory.actions
-    if session.undo_due and session.phase is ASKING and session.transition is None:
+    if session.undo_due and session.phase is ASKING:
         session.phase, session.deadline_ns = EXECUTING, None
         session.counts.set_aside()
 

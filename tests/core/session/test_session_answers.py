@@ -4,7 +4,7 @@ from dataclasses import asdict, replace
 
 import pytest
 
-from sfid_core.session.effects import Acknowledge, AnswerCode, Execute
+from sfid_core.session.effects import Acknowledge, AnswerCode, Execute, Ignored, StepDone
 from sfid_core.session.events import (
     AnswerGiven,
     Event,
@@ -29,6 +29,7 @@ from tests.core.session.script import (
     label,
     play,
     praise,
+    snapshot,
     taken,
 )
 
@@ -110,6 +111,40 @@ def test_an_answer_to_a_decision_that_took_the_last_step_back_is_superseded() ->
     play(session, [(1, label("ann", 0)), (2, back)])
     assert tallied(session) == counted(submitted=1, acknowledged=1, superseded=1)
     assert (session.decision, session.learner.values(STATES[0])) == (1, (0.0,) * 4)
+
+
+def test_a_step_that_comes_again_while_it_is_judged_changes_nothing() -> None:
+    session = asked("reward")
+    play(session, [(1, taken())])
+    before = snapshot(session)
+    for action in (1, session.learner.memory.actions):
+        assert play(session, [(2, replace(taken(), action=action))]) == [
+            (Ignored("no such step was to be taken"),)
+        ]
+    assert snapshot(session) == before
+
+
+def test_a_step_that_was_asked_about_twice_tells_both_answers() -> None:
+    session = asked("guidance")
+    guidance = Answer(AnswerKind.GUIDANCE, guidance=(1,))
+    judged = praise("ann", 1.0, number=2)
+    effects = play(
+        session,
+        [(1, AnswerGiven("ann", answer_id(1), 0, STATES[0], guidance)), (2, taken()), (3, judged)],
+    )
+    (done,) = (effect for effect in effects[-1] if isinstance(effect, StepDone))
+    assert done.measures.answers == (("ann", guidance), ("ann", judged.answer))
+
+
+def test_an_abstention_that_comes_too_late_is_not_counted() -> None:
+    session = asked()
+    play(session, [(1000, WindowElapsed()), (1001, taken())])
+    assert play(session, [(1001, abstention("ann", number=5))]) == [told(AnswerCode.LATE, number=5)]
+    assert tallied(session) == counted()
+    play(session, [(1002, label("ann", 0, 1, STATES[1]))])
+    again = abstention("ann", 1, STATES[1], number=6)
+    assert play(session, [(1003, again)]) == [told(AnswerCode.SUPERSEDED, number=6)]
+    assert tallied(session) == counted(submitted=1, acknowledged=1, pending=1)
 
 
 def test_a_label_after_an_abstention_replaces_nothing_that_was_counted() -> None:
