@@ -290,6 +290,19 @@ def test_the_crowd_sees_the_end(crowd_room: CrowdRoom) -> None:
     assert [row.kind for row in crowd_room.crowd_rows()][-1] == "finished"
 
 
+def test_whoever_comes_back_after_the_end_is_not_counted_in(crowd_room: CrowdRoom) -> None:
+    crowd_room.create()
+    (ann,) = crowd_room.members("ann")
+    crowd_room.operate("stop")
+    ann.bus.close()
+    crowd_room.settle()
+    rows = len(crowd_room.crowd_rows())
+    crowd_room.watcher.announce(CROWD_KEYS.present("s1", "ann"))
+    crowd_room.settle()
+    assert len(crowd_room.crowd_rows()) == rows
+    assert crowd_room.folded().crowd.members == set()
+
+
 def test_only_the_sessions_it_was_given_have_a_crowd(tmp_path: Path) -> None:
     room = room_of(tmp_path, sessions=("s2",))
     room.create()

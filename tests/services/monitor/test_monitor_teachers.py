@@ -193,6 +193,8 @@ def test_a_session_that_waits_is_told_apart_from_one_that_goes_on() -> None:
     endless = {"phase": "asking", "remaining_ms": None}
     assert state(11.0, **endless, teachers=(), teachers_present=0) == ("nobody to answer", True)
     assert state(11.0, **endless) == ("teaching", False)
+    alone = {"phase": "executing", "remaining_ms": None, "teachers": (), "teachers_present": 0}
+    assert state(11.0, **alone) == ("running alone", False)
 
 
 def test_five_unsolved_episodes_are_a_session_to_look_after() -> None:

@@ -215,6 +215,8 @@ def test_a_window_that_waits_for_answers_has_no_length_to_change() -> None:
         await terminal.press("m", "m", "full_stop", "comma")
         await terminal.sees("note", "a window until answered has no length: m gives it another mode")
         assert [one.window and one.window.mode for one in wishes(terminal)] == ["full", "until-answered"]
+        await terminal.press("m")
+        assert [one.window and one.window.mode for one in wishes(terminal)][2:] == ["early"]
 
     at_terminal(play)
 

@@ -159,20 +159,30 @@ def test_the_panel_says_what_the_agent_did_at_the_step_before(*, moved: bool, sa
     last = msgspec.structs.replace(step(3, 1.0).step, view="@ ", next_view=" @" if moved else "@ ")
     progress.apply(Learnt(last), 0)
     assert panel.situation(progress, 0).plain.splitlines()[1] == said
-    for later in ({"decision": 5}, {"decision": 4, "episode": 1, "sequence": 9}):
+    for later in (
+        {"decision": 5},
+        {"decision": 3},
+        {"decision": 4, "episode": 1},
+        {"decision": 4, "asked": "reward", "action": "UP"},
+    ):
         progress.apply(Opened(decision(**later), 0), 0)
         assert panel.situation(progress, 0).plain.splitlines()[1] == ""
 
 
 @pytest.mark.parametrize(
-    "label, tied", [(None, "it went ↑ UP; the labels were tied"), ("UP", "it went ↑ UP")]
+    "label, kind, said",
+    [
+        (None, "label", "it went ↑ UP; the labels were tied"),
+        ("UP", "label", "it went ↑ UP"),
+        (None, "mistake", "it went ↑ UP"),
+    ],
 )
-def test_the_panel_says_that_teachers_disagreed(label: str | None, tied: str) -> None:
+def test_the_panel_says_that_teachers_disagreed(label: str | None, kind: Any, said: str) -> None:  # noqa: ANN401
     progress = joined(decision=4)
-    said = tuple(SaidBy(teacher=action, kind="label", action=action) for action in ("UP", "DOWN", "UP"))
-    last = msgspec.structs.replace(step(3, 1.0).step, view="@ ", next_view=" @", said=said, label=label)
+    words = tuple(SaidBy(teacher=action, kind=kind, action=action) for action in ("UP", "DOWN", "UP"))
+    last = msgspec.structs.replace(step(3, 1.0).step, view="@ ", next_view=" @", said=words, label=label)
     progress.apply(Learnt(last), 0)
-    assert panel.situation(progress, 0).plain.splitlines()[1] == tied
+    assert panel.situation(progress, 0).plain.splitlines()[1] == said
 
 
 @pytest.mark.parametrize(
