@@ -83,7 +83,7 @@ def test_an_option_that_an_environment_refuses_is_named_with_its_value(
 
 
 def test_options_of_what_tells_none_are_left_to_it() -> None:
-    gymnasium.register("Opaque-v0", entry_point=type)  # a class whose signature nobody can read
+    gymnasium.register("Opaque-v0", entry_point=type)  # type: ignore[arg-type]  # a class whose signature nobody can read
     try:
         with pytest.raises(CommandError, match=r"^environment Opaque-v0: ") as failure:
             gym_world("Opaque-v0", ["size=9"], None)
