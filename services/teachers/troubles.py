@@ -67,7 +67,7 @@ class Troubles:
 
     def _wait(self, who: str, reason: str, *, has_mend: bool = False) -> None:
         """Say why it waits: the first reason, and each that says the mend, so that no hint need be found."""
-        if not self._waiting:
+        if has_mend or not self._waiting:
             self._since_ns = self._clock.now_ns()
         if not self._waiting or (has_mend and reason not in self._mends):
             log.warning("session %s: waiting, %s", self._session, reason)

@@ -84,6 +84,22 @@ def test_who_finds_the_name_taken_after_another_trouble_is_told_it_once_and_of_t
     assert caplog.messages[2:] == ["session s1: nothing to teach for 10 s: start it"]
 
 
+def test_the_time_for_which_the_mend_was_known_is_none_in_which_help_was_wanted(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    clock = ManualClock()
+    troubles = Troubles("s1", clock, lambda: "start it")
+    for _ in range(100):
+        troubles.note(Refused("conflict", "somebody teaches s1 as ann already", final=False))
+        clock.advance(PATIENCE_NS // 2)
+    hints = []
+    for _ in range(2):
+        troubles.note(Connection(connected=False, detail="no learner answers"))
+        hints.append("start it" in caplog.text)
+        clock.advance(PATIENCE_NS // 2)
+    assert hints == [False, True]
+
+
 def test_an_answer_that_is_sent_again_and_again_is_told_at_each_doubling(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
