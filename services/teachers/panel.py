@@ -102,7 +102,7 @@ def window_line(progress: Progress, decision: Decision, now_ns: int) -> Text:
     window = decision.window
     left_ms = progress.remaining_ms(now_ns)
     text = Text(no_wrap=True)
-    if decision.phase != "asking":
+    if decision.phase != "asking" or decision.paused:
         text.append("·" * BAR_CELLS, QUIET)
     elif left_ms is None:
         text.append("━" * BAR_CELLS, QUIET)

@@ -116,6 +116,21 @@ def test_the_fate_of_the_last_answer_is_told(update: AnswerUpdate, fate: str, ba
     assert (progress.answer_text, progress.answer_fate, progress.answer_bad) == ("↑ UP", fate, bad)
 
 
+@pytest.mark.parametrize(
+    "changes, bar",
+    [
+        ({"remaining_ms": None}, "━" * 24),
+        ({"remaining_ms": 250}, "━" * 6 + "·" * 18 + " 0.2 s"),
+        ({"remaining_ms": None, "paused": True}, "·" * 24),
+        ({"remaining_ms": None, "phase": "executing"}, "·" * 24),
+    ],
+)
+def test_the_bar_is_what_is_left_of_a_window_that_runs(changes: dict[str, Any], bar: str) -> None:
+    progress = joined(**changes)
+    assert progress.decision is not None
+    assert panel.window_line(progress, progress.decision, 0).plain.splitlines()[0] == bar
+
+
 def test_a_wish_that_was_not_granted_is_told() -> None:
     progress = joined()
     progress.apply(Controlled("pause", ok=False, reason="already paused"), 0)
